@@ -37,7 +37,9 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
             transport = opened.enter_context(open_transport(options.link, listen=True))
             node = assemble(transport, options, opened, say)
         except REFUSALS as error:
-            return _refuse(str(error))
+            red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
+            sys.stderr.write(f"{red}error: {error}{plain}\n")
+            return 2
         standing = set_up(options.realtime, options.cpus)
         node.identity = node.identity._replace(standing=standing)
         lines = [f"xitl agent {agent.__version__}: {node.role.title} {WAITS_AT} {transport.address}"]
@@ -55,12 +57,6 @@ def say(sentence: str) -> None:
     with suppress(OSError, ValueError):
         sys.stdout.write(f"{sentence}\n")
         sys.stdout.flush()
-
-
-def _refuse(sentence: str) -> int:
-    red, plain = ("\033[1;31m", "\033[0m") if sys.stderr.isatty() else ("", "")
-    sys.stderr.write(f"{red}error: {sentence}{plain}\n")
-    return 2
 
 
 def end_with_parent(parent: int) -> None:

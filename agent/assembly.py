@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Callable
 
 from agent.faults import AgentFaults
 from agent.fcu.control.controller import ControllerError
-from agent.files import read_text
 from agent.machine import read_machine
 from agent.mavlink.parameter_rows import ParameterError
 from agent.node import AgentNode
-from agent.options import BRIDGE, COMPANION, REBOOT, Options, OptionsError, check_bridge
+from agent.options import BRIDGE, COMPANION, REBOOT, Options, OptionsError, check_bridge, read_option_file
 from agent.reports import Identity
 from agent.roles.role import Role
 from agent.roles.storage import StorageError
@@ -26,16 +24,6 @@ from agent.wire.transport import Transport, TransportError
 if TYPE_CHECKING:
     from agent.bridges.injector import Injector
     from agent.fcu.dataflash.flight_log import FlightLog
-
-INJECTORS = {
-    "vectornav": "agent.bridges.vectornav:VectorNav",
-    "microstrain7": "agent.bridges.microstrain:MicroStrain7",
-    "hil": "agent.bridges.hil:HilMessages",
-    "px4": "agent.bridges.px4:Px4Injector",
-}
-"""Injectors of sensors into another autopilot, by option name. Each is a class with `open(url, vehicle)`."""
-
-_WORLD = "agent.bridges.json_world:JsonWorld"
 
 AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID = 1, 191  # MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_ONBOARD_COMPUTER
 
@@ -53,7 +41,7 @@ def assemble(
     """
     clock = MonotonicClock()
     faults = AgentFaults(clock)
-    opened.callback(faults.close)
+    opened.callback(faults.end)
     key = _signing(options.link_key, "--link-key")
     component_id = COMPANION_COMPONENT_ID if options.role == COMPANION else AUTOPILOT_COMPONENT_ID
     link = Link(faults.wrap(transport), options.system_id, component_id, signing=key)
@@ -86,27 +74,36 @@ def _companion(options: Options) -> Role:
 
 
 def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:
+    from agent.bridges.guard import GuardedInjector
     from agent.bridges.injector import InjectorError
+    from agent.bridges.kinds import JSON_WORLD, bridge_kind, bridge_kinds, package_of_bridge
     from agent.bridges.role import BridgeRole, MotorOutputs
     from agent.bridges.vehicle_link import VehicleLink
 
     _refuse_what_the_embedded_one_has(options, "a bridge")
     injectors: list[Injector] = []
-    wanted = [(_WORLD, options.world)] if options.world else []
-    wanted += [(INJECTORS[options.sensors], options.sensor_link)] if options.sensors else []
-    outputs_wanted = not options.world and options.sensors != "px4"
+    outputs_wanted = not any(kind.returns_outputs for kind in bridge_kinds(options.world, options.sensors))
     vehicle = VehicleLink(options.autopilot, outputs_wanted, options.system_id, options.fleet)
     opened.callback(vehicle.close)
-    for entry, url in wanted:
-        module, _, name = entry.partition(":")
-        try:
-            injector: Injector = getattr(import_module(module), name).open(url, vehicle)
-        except InjectorError as error:
-            raise OptionsError(str(error)) from None
-        opened.callback(injector.close)
-        injectors.append(injector)
+    try:
+        if options.world:
+            injectors.append(JSON_WORLD.open(options.world, vehicle))
+            opened.callback(injectors[-1].close)
+        if options.sensors:
+            kind, package = bridge_kind(options.sensors), package_of_bridge(options.sensors)
+            if package:
+                injectors.append(GuardedInjector(kind, options.sensors, package, options.sensor_link, vehicle))
+            else:
+                injectors.append(kind.open(options.sensor_link, vehicle))
+            opened.callback(injectors[-1].close)
+    except InjectorError as error:
+        raise OptionsError(str(error)) from None
     outputs = MotorOutputs(options.outputs, options.trim_us, options.span_us)
-    return BridgeRole(send, vehicle, injectors, outputs, reboots=options.after_run == REBOOT)
+    role = BridgeRole(send, vehicle, injectors, outputs, reboots=options.after_run == REBOOT)
+    for injector in injectors:
+        if isinstance(injector, GuardedInjector) and injector.problem:
+            raise OptionsError(f"sensors: {injector.problem}")
+    return role
 
 
 def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitStack) -> Role:
@@ -121,7 +118,7 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
 
     parameters = Parameters(system_id=options.system_id)
     if options.parameters is not None:
-        parameters.load(_text(options.parameters), str(options.parameters))
+        parameters.load(read_option_file(options.parameters), str(options.parameters))
     make_controller = load_controller(options.controller) if options.controller else None
     signing = _signing(options.signing_key, "--signing-key")
     storage = None
@@ -146,7 +143,7 @@ def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]]
     if directory is None and file is None:
         return None
     if directory is not None and file is not None:
-        raise OptionsError("log-dir, log-file: a log goes to one of them; leave the other out")
+        raise OptionsError("log-dir, log-file: a log needs only one of them; leave the other out")
     from agent.fcu.dataflash.flight_log import FlightLog
     from agent.fcu.dataflash.writer import fixed_log_opener, numbered_log_opener
 
@@ -162,12 +159,3 @@ def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]]
 
 def _signing(key_file: Path | None, option: str) -> Signing | None:
     return None if key_file is None else Signing(read_key_file(str(key_file), option))
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_text(path)
-    except UnicodeDecodeError:
-        raise OptionsError(f"{path}: cannot be read (not text); check the path") from None
-    except OSError as error:
-        raise OptionsError(f"{path}: cannot be read ({error.strerror}); check the path") from None

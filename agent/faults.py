@@ -97,7 +97,12 @@ class AgentFaults:
             yield f"Faults refused: {problem}"
             return
         if self._transport is not None:
-            self._transport.set(self._on_link(message), message.seed)
+            delay_s, jitter_s = message.delay_usec * 1e-6, message.jitter_usec * 1e-6
+            if self._clock is None:
+                delay_s = jitter_s = 0.0
+            cut = bool(message.cut)
+            faults = LinkFaults(delay_s, jitter_s, message.loss, message.duplicate, message.reorder, cut)
+            self._transport.set(faults, message.seed)
         if self._clock is None:
             return
         offset_ns = message.clock_offset_ns
@@ -109,24 +114,13 @@ class AgentFaults:
                 self._executor.clock_stepped(offset_ns - before_ns)
         else:
             ahead_s = self._clock.offset_ns * 1e-9
-            yield f"Fault refused: clock offset {offset_ns * 1e-9:g} s, it is {ahead_s:g} s ahead and never steps back"
-        yield from self._burn(message.cpu_load)
-
-    def _on_link(self, message: Message) -> LinkFaults:
-        passes = self._clock is not None
-        return LinkFaults(
-            message.delay_usec * 1e-6 if passes else 0.0,
-            message.jitter_usec * 1e-6 if passes else 0.0,
-            message.loss,
-            message.duplicate,
-            message.reorder,
-            bool(message.cut),
-        )
-
-    def _burn(self, share: float) -> Iterator[str]:
-        if self._load is None and share > 0.0:
+            yield (
+                f"Fault refused: clock offset {offset_ns * 1e-9:g} s; "
+                f"the clock is {ahead_s:g} s ahead and never steps back"
+            )
+        if self._load is None and message.cpu_load > 0.0:
             self._load = CpuLoad()
-        problem = "" if self._load is None else self._load.set(share)
+        problem = "" if self._load is None else self._load.set(message.cpu_load)
         if problem:
             yield f"Fault refused: {problem}"
 
@@ -136,16 +130,12 @@ class AgentFaults:
             self.end()
 
     def end(self) -> None:
-        """End the faults of link and processors."""
+        """End the faults of link and processors, and all started processes."""
         self._last, self._heard_ns = (), None
         if self._transport is not None:
             self._transport.set(NO_FAULTS)
         if self._load is not None:
             self._load.close()
-
-    def close(self) -> None:
-        """End the faults, as `end` does. All started processes are ended."""
-        self.end()
 
 
 def _problem(message: Message) -> str:
@@ -153,7 +143,7 @@ def _problem(message: Message) -> str:
     for name in ("loss", "duplicate", "reorder", "cpu_load"):
         share = getattr(message, name)
         if not 0.0 <= share <= 1.0:
-            return f"{name} {share:g} is no share of 1"
+            return f"{name} {share:g} is not within 0 to 1"
     for name in ("delay_usec", "jitter_usec"):
         if getattr(message, name) > _MOST_US:
             return f"{name} {getattr(message, name)} is above {_MOST_US}"

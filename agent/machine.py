@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,13 +52,18 @@ def read_machine(root: Path = Path("/")) -> Machine:
     system = os.uname()
     preempt_rt = _text(root / "sys/kernel/realtime").strip() == "1" or "PREEMPT_RT" in system.version
     kernel = f"{system.sysname} {system.release} {system.machine}"
+    if emulated:
+        name = f"{EMULATED}{system.machine} board, {loop_rate_hz() * 1e-6:.2f} M loops/s"
+    else:
+        name = model or _entry(root / "proc/cpuinfo", "model name", "Hardware") or system.machine
+    memory = _entry(root / "proc/meminfo", "MemTotal").split()
     return Machine(
         kind=REAL if model and not emulated else VIRTUAL,
-        name=_emulated_name() if emulated else model or _processor(root) or system.machine,
+        name=name,
         kernel=f"{kernel} PREEMPT_RT" if preempt_rt else kernel,
         preempt_rt=preempt_rt,
         processors=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 0,
-        memory_mib=_total_memory_mib(root),
+        memory_mib=int(memory[0]) // 1024 if memory and memory[0].isdigit() else 0,
     )
 
 
@@ -94,22 +100,17 @@ def resident_kib() -> int:
 
 def loop_rate_hz() -> float:
     """Passes per second of a fixed Python loop, the best of several tries of some milliseconds."""
-    return LOOP_PASSES / min(_loop_s() for _ in range(LOOP_TRIES))
-
-
-def _loop_s() -> float:
-    begun_s = time.perf_counter()
-    total, angle = 0, 0.0
-    for number in range(LOOP_PASSES):
-        total = (total + number * number) & 0xFFFF
-        angle += 0.001 * total
-        if angle > 180.0:
-            angle -= 360.0
-    return time.perf_counter() - begun_s
-
-
-def _emulated_name() -> str:
-    return f"{EMULATED}{os.uname().machine} board, {loop_rate_hz() * 1e-6:.2f} M loops/s"
+    shortest_s = inf
+    for _ in range(LOOP_TRIES):
+        begun_s = time.perf_counter()
+        total, angle = 0, 0.0
+        for number in range(LOOP_PASSES):
+            total = (total + number * number) & 0xFFFF
+            angle += 0.001 * total
+            if angle > 180.0:
+                angle -= 360.0
+        shortest_s = min(shortest_s, time.perf_counter() - begun_s)
+    return LOOP_PASSES / shortest_s
 
 
 def _text(path: Path) -> str:
@@ -121,22 +122,13 @@ def _text(path: Path) -> str:
         return ""
 
 
-def _processor(root: Path) -> str:
-    for line in _text(root / "proc/cpuinfo").splitlines():
+def _entry(path: Path, *keys: str) -> str:
+    """Return the value of the first `key: value` line with one of these keys, empty for none."""
+    for line in _text(path).splitlines():
         key, _, value = line.partition(":")
-        if key.strip() in ("model name", "Hardware"):
+        if key.strip() in keys:
             return value.strip()
     return ""
-
-
-def _total_memory_mib(root: Path) -> int:
-    for line in _text(root / "proc/meminfo").splitlines():
-        if line.startswith("MemTotal:"):
-            try:
-                return int(line.split()[1]) // 1024
-            except (ValueError, IndexError):
-                return 0
-    return 0
 
 
 def _thermal_zone(root: Path) -> Path | None:

@@ -22,7 +22,7 @@ STATUS_RATE_HZ = 1.0
 IDLE_WAIT_S = 0.5
 SILENCE_S = 60.0
 MISSES_A_CYCLE = 10
-STRANGERS_SAID_NS = 10_000_000_000
+STRANGERS_EVERY_NS = 10_000_000_000
 LATEST_NS = 1 << 62  # limit of a host's time: 146 years, half of the range of the wire's signed fields
 _WARNING = dialect.MAV_SEVERITY_WARNING
 
@@ -74,7 +74,7 @@ class AgentNode:
         self._running = False
         self._token = 0
         self._strangers = 0
-        self._told_strangers_ns = 0
+        self._report_strangers_ns = 0
         self._heard_ns = 0
         self._ahead = 0  # received messages of the present batch that were not handled yet
         self._host_is_gone = False
@@ -110,7 +110,7 @@ class AgentNode:
         elif self._tick_is_open:
             self._answer_tick()
         if self._link.strangers != self._strangers:
-            self._tell_of_strangers()
+            self._report_strangers()
         executor = self._due_now()
         if executor is not None:
             executor.run_due(executor.clock.now_ns())
@@ -178,7 +178,7 @@ class AgentNode:
         self._link.reset_counters()
         self._reset(lockstep, start_ns)
         self._running, self._token = True, token or 1
-        self._strangers = self._told_strangers_ns = 0
+        self._strangers = self._report_strangers_ns = 0
         self._host_is_gone = False
         executor = self.executor
         self.role.start_run(executor, self._silent_s)
@@ -254,15 +254,17 @@ class AgentNode:
             for sentence in self._faults.handle(message):
                 self.role.add_event(_WARNING, sentence)
 
-    def _tell_of_strangers(self) -> None:
-        """Report strangers at the first one of a run, and every `STRANGERS_SAID_NS` while they continue."""
+    def _report_strangers(self) -> None:
+        """Report strangers at the first one of a run, and every `STRANGERS_EVERY_NS` while they continue."""
         now_ns = self._monotonic.now_ns()
-        if not self._running or now_ns < self._told_strangers_ns:
+        if not self._running or now_ns < self._report_strangers_ns:
             return
         count, self._strangers = self._link.strangers - self._strangers, self._link.strangers
-        self._told_strangers_ns = now_ns + STRANGERS_SAID_NS
+        self._report_strangers_ns = now_ns + STRANGERS_EVERY_NS
         transport = self._link.transport
-        self._say(f"refused {count} datagrams or calls, the last of {transport.stranger}: {transport.peer} has the run")
+        self._say(
+            f"refused {count} datagrams or calls, the last from {transport.stranger}: {transport.peer} has the run"
+        )
         self.role.add_event(_WARNING, f"Refused {transport.stranger}: not this run's host")
 
     # Tasks

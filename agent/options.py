@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Callable, NoReturn
 
 import agent
+from agent.bridges.kinds import NEEDED_LINK, NO_LINK, OWN_SENSORS, BridgeError, bridge_kind
 from agent.files import read_text
 from agent.machine import REAL, VIRTUAL
 from agent.timing.realtime import DEFAULT_PRIORITY
 
 DEFAULT_LINK = "udp://127.0.0.1:14660"
 FCU, COMPANION, BRIDGE = "fcu", "companion", "bridge"
-INJECTIONS = ("vectornav", "microstrain7", "hil", "px4")
 KEEP, REBOOT = "keep", "reboot"
 SECTION = "agent"
 _BESIDE = {
-    "xitl agent": "To bring it to a board: xitl agent package, xitl agent deploy. To check a machine: xitl doctor.",
-    "xitl-agent.pyz": "To check whether this machine is fit for it: xitl-agent.pyz doctor.",
+    "xitl agent": "To install it on a board: xitl agent package, xitl agent deploy. To check a machine: xitl doctor.",
+    "xitl-agent.pyz": "To check whether this machine can run it: xitl-agent.pyz doctor.",
 }
 
 HIGHEST_SYSTEM_ID = 250  # ground stations and tools use higher numbers
@@ -92,14 +93,14 @@ def parse(arguments: list[str] | None, program: str) -> Options:
     `--help` and `--version` print and raise SystemExit.
     """
     parser = _parser(program)
-    given = vars(parser.parse_args(arguments))
-    config = given.pop("config", None)
+    values = vars(parser.parse_args(arguments))
+    config = values.pop("config", None)
     if config is not None:
-        given = {**_of_file(config, parser), **given}
+        values = {**_config_values(config, parser), **values}
     for name in ("ground", "cpus", "outputs"):
-        if name in given:
-            given[name] = tuple(given[name])
-    return Options(**given)
+        if name in values:
+            values[name] = tuple(values[name])
+    return Options(**values)
 
 
 def check_bridge(options: Options) -> None:
@@ -107,7 +108,9 @@ def check_bridge(options: Options) -> None:
     if options.role != BRIDGE:
         for name in ("autopilot", "world", "sensors", "sensor_link"):
             if getattr(options, name):
-                raise OptionsError(f"{name.replace('_', '-')}: the role {options.role} has none; use --role {BRIDGE}")
+                raise OptionsError(
+                    f"{name.replace('_', '-')}: the role {options.role} does not use it; use --role {BRIDGE}"
+                )
         if options.after_run != KEEP:
             raise OptionsError(f"after-run: the role {options.role} has no autopilot to reboot; use --role {BRIDGE}")
         return
@@ -116,21 +119,35 @@ def check_bridge(options: Options) -> None:
             "autopilot: a bridge needs the URL of its MAVLink; write it like --autopilot tcp://127.0.0.1:5760"
         )
     if not options.world and not options.sensors:
-        raise OptionsError("sensors, world: nothing gets into the autopilot; give --sensors, --world or both")
+        raise OptionsError("sensors, world: the autopilot would get no data; give --sensors, --world or both")
     if options.world and not options.world.startswith("udp://"):
-        raise OptionsError(f"world: {options.world} is no address of datagrams; write it like udp://127.0.0.1:9002")
-    if options.world and options.sensors == "px4":
-        raise OptionsError("world: PX4 has none beside its simulator messages; leave it out")
-    if options.sensors in ("vectornav", "microstrain7") and not options.sensor_link:
+        raise OptionsError(f"world: {options.world} is not a UDP address; write it like udp://127.0.0.1:9002")
+    try:
+        kind = bridge_kind(options.sensors) if options.sensors else None
+    except BridgeError as error:
+        raise OptionsError(f"sensors: {error}") from None
+    if options.world and kind is not None and kind.sets_time:
+        raise OptionsError(f"world: {options.sensors} sets the time of the autopilot itself; leave it out")
+    if kind is not None and kind.sensor_link == NEEDED_LINK and not options.sensor_link:
         raise OptionsError(
-            f"sensor-link: {options.sensors} needs a line of its own; write it like --sensor-link serial:///dev/ttyUSB0"
+            f"sensor-link: {options.sensors} needs a separate line; write it like --sensor-link serial:///dev/ttyUSB0"
         )
-    if options.sensor_link and options.sensors not in ("vectornav", "microstrain7", "px4"):
+    if options.sensor_link and (kind is None or kind.sensor_link == NO_LINK):
         who = f"the sensors {options.sensors} use" if options.sensors else "the world uses"
         raise OptionsError(f"sensor-link: {who} none; leave it out")
 
 
-def _of_file(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
+def read_option_file(path: Path) -> str:
+    """Return the text of a file that an option names. Raises OptionsError."""
+    try:
+        return read_text(path)
+    except UnicodeDecodeError:
+        raise OptionsError(f"{path}: cannot be read (not text); check the path") from None
+    except OSError as error:
+        raise OptionsError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+
+
+def _config_values(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
     """Return the values by field. The keys of the file are the long options. Paths are relative to the file."""
     from configparser import ConfigParser
     from configparser import Error as ConfigError
@@ -143,27 +160,23 @@ def _of_file(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
     }
     config = ConfigParser(interpolation=None, default_section="")
     try:
-        config.read_string(read_text(path), str(path))
+        config.read_string(read_option_file(path), str(path))
     except ConfigError as error:
         raise OptionsError(f"{path}: {' '.join(str(error).split())}; write KEY = VALUE under [{SECTION}]") from None
-    except UnicodeDecodeError:
-        raise OptionsError(f"{path}: cannot be read (not text); check the path") from None
-    except OSError as error:
-        raise OptionsError(f"{path}: cannot be read ({error.strerror}); check the path") from None
     for section in config.sections():
         if section != SECTION:
             raise OptionsError(f"{path}: unknown section [{section}]; write all under [{SECTION}]")
     if not config.has_section(SECTION):
         raise OptionsError(f"{path}: has no section [{SECTION}]; write it above the options")
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, text in config.items(SECTION):
         if key not in known:
             raise OptionsError(f"{path}: unknown key {key}; use one of {', '.join(sorted(known))}")
-        found[known[key].dest] = _value(path, key, text.strip(), known[key])
-    return found
+        values[known[key].dest] = _config_value(path, key, text.strip(), known[key])
+    return values
 
 
-def _value(path: Path, key: str, text: str, action: argparse.Action) -> Any:
+def _config_value(path: Path, key: str, text: str, action: argparse.Action) -> Any:
     kind: Any = action.type or str
     if isinstance(action, argparse._AppendAction):
         return [kind(word) for word in text.split()]
@@ -185,16 +198,30 @@ class _Parser(argparse.ArgumentParser):
         raise OptionsError(f"{message}; see {self.prog} --help")
 
 
-def _system_id(text: str) -> int:
-    if not (text.isdigit() and 1 <= int(text) <= HIGHEST_SYSTEM_ID):
-        raise argparse.ArgumentTypeError(f"{text} is no system of a vessel; use 1 to {HIGHEST_SYSTEM_ID}")
-    return int(text)
+def _whole_number(what: str, most: int) -> Callable[[str], int]:
+    """Return the converter of an option that is `what`, from 1 to `most`."""
+
+    def convert(text: str) -> int:
+        if not (text.isdigit() and 1 <= int(text) <= most):
+            raise argparse.ArgumentTypeError(f"{text} is not {what}; use 1 to {most}")
+        return int(text)
+
+    return convert
 
 
-def _priority(text: str) -> int:
-    if not (text.isdigit() and 1 <= int(text) <= 99):
-        raise argparse.ArgumentTypeError(f"{text} is no priority of SCHED_FIFO; use 1 to 99")
-    return int(text)
+def _number(what: str, advice: str, is_valid: Callable[[float], bool]) -> Callable[[str], float]:
+    """Return the converter of an option that is `what`."""
+
+    def convert(text: str) -> float:
+        try:
+            number = float(text)
+        except ValueError:
+            number = nan
+        if not is_valid(number):
+            raise argparse.ArgumentTypeError(f"{text} is not {what}; {advice}")
+        return number
+
+    return convert
 
 
 def _cpus(text: str) -> tuple[int, ...]:
@@ -211,26 +238,6 @@ def _channels(text: str) -> tuple[int, ...]:
     return tuple(map(int, words))
 
 
-def _pulse(text: str) -> float:
-    try:
-        pulse_us = float(text)
-    except ValueError:
-        pulse_us = -1.0
-    if not 0.0 < pulse_us <= 3000.0:
-        raise argparse.ArgumentTypeError(f"{text} is no pulse width; use microseconds, like 1500")
-    return pulse_us
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0.0 <= seconds < 1e6:
-        raise argparse.ArgumentTypeError(f"{text} is no duration; use seconds, 0 for ever")
-    return seconds
-
-
 def _parser(program: str) -> argparse.ArgumentParser:
     parser = _Parser(
         prog=program,
@@ -239,12 +246,16 @@ def _parser(program: str) -> argparse.ArgumentParser:
         argument_default=argparse.SUPPRESS,
         allow_abbrev=False,
     )
+    system_id = _whole_number("a MAVLink system of a vessel", HIGHEST_SYSTEM_ID)
+    priority = _whole_number("a priority of SCHED_FIFO", 99)
+    pulse_us = _number("a pulse width", "use microseconds, like 1500", lambda number: 0.0 < number <= 3000.0)
+    seconds = _number("a duration", "use seconds, 0 for no limit", lambda number: 0.0 <= number < 1e6)
     add = parser.add_argument
     add("--link", metavar="URL", help=f"where to wait for the host (default: {DEFAULT_LINK})")
-    add("--role", choices=(FCU, COMPANION, BRIDGE), help=f"what this node is there for (default: {FCU})")
+    add("--role", choices=(FCU, COMPANION, BRIDGE), help=f"role of this node (default: {FCU})")
     add(
         "--system-id",
-        type=_system_id,
+        type=system_id,
         metavar="N",
         help=f"MAVLink system of the vessel, 1 to {HIGHEST_SYSTEM_ID} (default: {Options.system_id})",
     )
@@ -253,46 +264,67 @@ def _parser(program: str) -> argparse.ArgumentParser:
         dest="ground",
         action="append",
         metavar="URL",
-        help="ground station, repeatable: udp://host:port is sent to, at tcp://address:port we listen for any number",
+        help="ground station, repeatable: send to udp://host:port, or listen at tcp://address:port for any number",
     )
-    add("--parameters", type=Path, metavar="FILE", help="parameter file (.parm) to start with")
-    add("--storage", type=Path, metavar="FILE", help="keep here what ground stations set: parameters, mission, fence")
+    add("--parameters", type=Path, metavar="FILE", help="file of the initial parameters (.parm)")
+    add(
+        "--storage",
+        type=Path,
+        metavar="FILE",
+        help="file for the parameters, mission and fence that ground stations set",
+    )
     add("--log-dir", type=Path, metavar="DIR", help="write a DataFlash log of each run here")
     add("--log-file", type=Path, metavar="FILE", help="write the DataFlash log of each run over this file")
     keys = "64 hexadecimal digits, or a passphrase"
     add("--signing-key", type=Path, metavar="FILE", help=f"MAVLink 2 signing with ground stations: {keys}")
     add("--link-key", type=Path, metavar="FILE", help=f"MAVLink 2 signing with the host, both ways: {keys}")
-    add("--controller", metavar="MODULE:CLASS", help="in place of the built-in controller, see docs/controller.md")
+    add("--controller", metavar="MODULE:CLASS", help="replaces the built-in controller, see docs/controller.md")
     add(
         "--realtime",
-        type=_priority,
+        type=priority,
         nargs="?",
         const=DEFAULT_PRIORITY,
         metavar="PRIORITY",
-        help=f"schedule by SCHED_FIFO (at {DEFAULT_PRIORITY} unless said) and lock memory, where that is permitted",
+        help=f"schedule by SCHED_FIFO (default priority: {DEFAULT_PRIORITY}) and lock memory, where permitted",
     )
-    add("--cpu", dest="cpus", type=_cpus, metavar="N[,N]", help="keep to these processors")
-    add("--kind", choices=(REAL, VIRTUAL), help="say that this is a board, or stands in for one (default: find out)")
-    add("--machine", metavar="NAME", help="call the machine this (default: its model)")
+    add("--cpu", dest="cpus", type=_cpus, metavar="N[,N]", help="run only on these processors")
+    add(
+        "--kind",
+        choices=(REAL, VIRTUAL),
+        help="whether this machine is a real board or a virtual one (default: detect)",
+    )
+    add("--machine", metavar="NAME", help="name of this machine (default: its model)")
     add(
         "--silence",
         dest="silence_s",
-        type=_seconds,
+        type=seconds,
         metavar="SECONDS",
-        help=f"end a run in real time when the host is silent for so long (default: {Options.silence_s:g}; 0: never)",
+        help=f"end a run in real time when the host is silent for this time (default: {Options.silence_s:g}; 0: never)",
     )
     add("--autopilot", metavar="URL", help="bridge: MAVLink of the other autopilot, like tcp://127.0.0.1:5760")
-    add("--world", metavar="URL", help="bridge: serve its JSON simulator interface here, like udp://127.0.0.1:9002")
-    add("--sensors", choices=INJECTIONS, help="bridge: how our sensors get into it")
-    add("--sensor-link", metavar="URL", help="bridge: where, when that is a line of its own")
-    add("--outputs", type=_channels, metavar="N[,N]", help="bridge: its channels of the motors, in their order")
-    add("--trim", dest="trim_us", type=_pulse, metavar="US", help="bridge: pulse width of a motor at rest")
-    add("--span", dest="span_us", type=_pulse, metavar="US", help="bridge: from there to full")
     add(
-        "--after-run", choices=(KEEP, REBOOT), help=f"bridge: reboot it when a run is over (default: {KEEP} it running)"
+        "--world",
+        metavar="URL",
+        help="bridge: address that serves the JSON simulator interface, like udp://127.0.0.1:9002",
     )
-    add("--fleet", action="store_true", help="bridge: others of a fleet may be heard on the line of its autopilot")
+    own = ", ".join(OWN_SENSORS)
+    add("--sensors", metavar="NAME", help=f"bridge that injects our sensors: {own}, or a bridge of a package")
+    add("--sensor-link", metavar="URL", help="bridge: separate line for the sensors, if the injection needs one")
+    add(
+        "--outputs",
+        type=_channels,
+        metavar="N[,N]",
+        help="bridge: output channels of the motors, in the order of the motors",
+    )
+    add("--trim", dest="trim_us", type=pulse_us, metavar="US", help="bridge: pulse width for neutral")
+    add("--span", dest="span_us", type=pulse_us, metavar="US", help="bridge: pulse width from neutral to full")
+    add(
+        "--after-run",
+        choices=(KEEP, REBOOT),
+        help=f"bridge: reboot the autopilot after each run, or keep it running (default: {KEEP})",
+    )
+    add("--fleet", action="store_true", help="bridge: other vessels of a fleet may be heard on the autopilot's line")
     add("--attached", action="store_true", help="end with the program that started this one, even when it is killed")
-    add("--config", type=Path, metavar="FILE", help=f"the same options as KEY = VALUE under [{SECTION}]")
+    add("--config", type=Path, metavar="FILE", help=f"file with the same options, as KEY = VALUE under [{SECTION}]")
     add("--version", action="version", version=f"xitl agent {agent.__version__}")
     return parser

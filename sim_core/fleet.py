@@ -27,11 +27,13 @@ from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.battery import BatteryState
 from sim_core.vessel.condition import Condition
+from sim_core.vessel.sections import hull_shape
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.vessel import VesselState
 from sim_core.world import waterway as waterways
 from sim_core.world.contact import NO_CONTACTS, Contacts, joined_contacts, wrench_frd
 from sim_core.world.debris import DebrisState, Launch
+from sim_core.world.geometry import PLASTIC, Mesh, merged
 from sim_core.world.hull_contact import (
     NOBODY_CLOSE,
     CloseHulls,
@@ -40,11 +42,50 @@ from sim_core.world.hull_contact import (
     find_close_hulls,
     find_close_pairs,
 )
-from sim_core.world.plan import Capsules, Numbers, Walls
+from sim_core.world.plan import Capsules, Numbers, Walls, convex_hull
 from sim_core.world.rays import Bodies
-from sim_core.world.seen_hull import SeenHull
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from sim_core.world.waterway import OPEN_WATER, Afloat, StepTimes, Waterway
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenHull:
+    """Visible shape of a vessel in body axes: triangles for rays, and E upright sides for range sensors."""
+
+    mesh: Mesh
+    """Mesh of all hulls of the vessel."""
+    from_frd_m: Array
+    """First ends of the sides, halfway between top and bottom, (E, 3)."""
+    span_frd_m: Array
+    """Vectors to the second ends, (E, 3)."""
+    half_height_m: Array
+    """Half the height of the sides, (E,)."""
+
+    @classmethod
+    def of_model(cls, model: VesselSpec) -> SeenHull:
+        """Return the shape of a vessel's demi-hulls. Raises the same errors as `hull_shape`."""
+        shapes = [hull_shape(hull) for hull in model.demi_hulls]
+        return cls.of_meshes([Mesh(shape.vertices_m, shape.faces, PLASTIC) for shape in shapes])
+
+    @classmethod
+    def of_meshes(cls, meshes: list[Mesh]) -> SeenHull:
+        """Return the shape of meshes, with the convex outline of each as sides."""
+        corners, following, half = [], [], []
+        for mesh in meshes:
+            plan = convex_hull(mesh.vertices_m[:, :2])
+            top_m, bottom_m = float(mesh.vertices_m[:, 2].min()), float(mesh.vertices_m[:, 2].max())
+            corners.append(np.column_stack([plan, np.full(len(plan), 0.5 * (top_m + bottom_m))]))
+            following.append(np.roll(corners[-1], -1, axis=0))
+            half.append(np.full(len(plan), 0.5 * (bottom_m - top_m)))
+        start = np.concatenate(corners)
+        return cls(merged(meshes), start, np.concatenate(following) - start, np.concatenate(half))
+
+    def walls(self, pos_ned_m: Array, rot_ned_frd: Array) -> Walls:
+        """Return its upright sides at its present pose."""
+        start = self.from_frd_m @ rot_ned_frd.T + pos_ned_m
+        span = self.span_frd_m @ rot_ned_frd.T
+        middle_m = start[:, 2] + 0.5 * span[:, 2]
+        return Walls(start[:, :2], span[:, :2], middle_m - self.half_height_m, middle_m + self.half_height_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,13 +123,14 @@ class Fleet:
         `Simulation.from_spec`.
         """
         names = tuple(names) or tuple(str(number) for number in range(len(models)))
-        called = [*names, *(vessel.name for vessel in traffic)]
+        all_names = [*names, *(vessel.name for vessel in traffic)]
         if not models:
             raise ValueError("a fleet has no vessels; give at least one model")
-        if len(names) != len(models) or len(set(called)) != len(called):
-            raise ValueError(f"{len(models)} vessels are called {', '.join(called)}; give each a name of its own")
+        if len(names) != len(models) or len(set(all_names)) != len(all_names):
+            raise ValueError(f"{len(models)} vessels are named {', '.join(all_names)}; give each a different name")
         if waterway is OPEN_WATER:  # other vessels can be hit even in open water
             waterway = Waterway(Capsules.joined(()))
+        # Vessels of equal models share a batch.
         kinds: list[VesselSpec] = []
         batch = []
         for model in models:
@@ -96,16 +138,16 @@ class Fleet:
                 kinds.append(model)
             batch.append(kinds.index(model))
         members = tuple(np.flatnonzero(np.array(batch) == number) for number in range(len(kinds)))
-        row = {
-            vessel: (number, place) for number, each in enumerate(members) for place, vessel in enumerate(each.tolist())
-        }
+        rows = [
+            (number, int(np.count_nonzero(np.array(batch[:vessel]) == number))) for vessel, number in enumerate(batch)
+        ]
         batches = tuple(Simulation.from_spec(kind, environment, dt_s, waterway) for kind in kinds)
         sequence = np.concatenate(members).tolist()
         seen = [SeenHull.of_model(kind) for kind in kinds]
         return cls(
             batches=batches,
             members=members,
-            rows=tuple(row[vessel] for vessel in range(len(models))),
+            rows=tuple(rows),
             names=names,
             traffic=tuple(traffic),
             hulls=Hulls.from_outlines(
@@ -153,7 +195,9 @@ class Fleet:
 
     def by_model(self, commands: Sequence[Sequence[float]]) -> list[Array]:
         """Convert commands (C,) per vessel to the form of `step`: an array (N, C) per batch."""
-        return [np.array([commands[vessel] for vessel in each.tolist()], dtype=np.float64) for each in self.members]
+        return [
+            np.array([commands[vessel] for vessel in members.tolist()], dtype=np.float64) for members in self.members
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,26 +230,26 @@ def initial(fleet: Fleet, north_east_m: Array, yaw_rad: Array, rng: Generator) -
 
 def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Generator) -> FleetState:
     """Return the state one dt_s later, under (N, C) commands in [-1, 1] per batch, as `Fleet.by_model` makes them."""
-    lead = fleet.batches[0]
+    lead, time_ns = fleet.batches[0], state.time_ns + fleet.dt_ns
+    # The environment, once for all vessels
     environment = state.environment
     if state.time_ns % lead.drift_ns == 0:
         environment = surroundings_model.step(fleet.environment, environment, lead.drift_ns * 1e-9, rng)
+    # Surroundings of each batch
     felt = [
-        simulations.feel(simulation, one, environment)
-        for simulation, one in zip(fleet.batches, state.batches, strict=True)
+        simulations.feel(simulation, batch, environment)
+        for simulation, batch in zip(fleet.batches, state.batches, strict=True)
     ]
-    close, afloat = _touched(fleet, state, environment)
+    # Contacts with structures, debris and other hulls
+    close, afloat = _compute_contacts(fleet, state, environment)
+    # Motion of the vessels
     batches = []
-    for simulation, one, (held, around), water, command in zip(
+    for simulation, batch, (held, around), water, command in zip(
         fleet.batches, state.batches, felt, afloat, commands, strict=True
     ):
-        vessel = vessel_motion.step(simulation.vessel, one.vessel, command, around, water.wrench_frd)
-        batches.append(
-            SimulationState(
-                one.time_ns + lead.dt_ns, vessel, environment, *held, around.drift_frd_n, around.surface, water
-            )
-        )
-    return FleetState(state.time_ns + lead.dt_ns, tuple(batches), environment, close)
+        vessel = vessel_motion.step(simulation.vessel, batch.vessel, command, around, water.wrench_frd)
+        batches.append(SimulationState(time_ns, vessel, environment, *held, around.drift_frd_n, around.surface, water))
+    return FleetState(time_ns, tuple(batches), environment, close)
 
 
 def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | None = None) -> SimulationState:
@@ -218,7 +262,9 @@ def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | 
     if len(fleet.members[batch]) == 1:
         return together
     vessel, afloat = together.vessel, together.afloat
-    half_change = vessel.half_change
+    half_change, battery = vessel.half_change, vessel.battery
+    if battery is not None:
+        battery = BatteryState(battery.used_as[rows], battery.voltage_v[rows], battery.current_a[rows])
     if len(afloat.contacts):
         wrench = None if afloat.wrench_frd is None else afloat.wrench_frd[rows]
         afloat = replace(afloat, contacts=contacts_of(fleet, state, number), wrench_frd=wrench)
@@ -229,7 +275,7 @@ def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | 
             _row(vessel.motion, rows) if motion is None else motion,
             vessel.rotor_speed[rows],
             None if half_change is None else half_change[rows],
-            battery=None if vessel.battery is None else _battery_row(vessel.battery, rows),
+            battery=battery,
         ),
         together.environment,
         _own(together.current_ned_mps, rows),
@@ -262,7 +308,7 @@ def launch(fleet: Fleet, state: FleetState, body: Launch) -> FleetState:
     lead = fleet.batches[0]
     water = simulations.water_motion(lead, state.environment, state.time_ns)
     debris = waterways.launch_body(state.debris, body, water)
-    batches = tuple(replace(one, afloat=replace(one.afloat, debris=debris)) for one in state.batches)
+    batches = tuple(replace(batch, afloat=replace(batch.afloat, debris=debris)) for batch in state.batches)
     return replace(state, batches=batches)
 
 
@@ -273,7 +319,7 @@ def held(fleet: Fleet, state: FleetState, before: FleetState, numbers: Sequence[
         rows = [fleet.rows[number][1] for number in numbers if fleet.rows[number][0] == batch]
         now, then = batches[batch].vessel, before.batches[batch].vessel
         if len(rows) < len(fleet.members[batch]):
-            then = _mixed(now, then, rows)
+            then = _with_rows(now, then, rows)
         batches[batch] = replace(batches[batch], vessel=then)
     return replace(state, batches=tuple(batches))
 
@@ -289,13 +335,13 @@ def with_condition(fleet: Fleet, state: FleetState, number: int, condition: Cond
 
 def joined_motion(fleet: Fleet, state: FleetState) -> Kinematics:
     """Return the motion of all vessels, batch by batch, then of the scripted vessels: the order of `Fleet.hulls`."""
-    motions = [one.vessel.motion for one in state.batches]
+    motions = [batch.vessel.motion for batch in state.batches]
     if fleet.traffic:
         time_s = state.time_ns * 1e-9
         motions.append(scripted_motion(fleet.traffic, time_s, fleet.environment.tide.height_m(time_s)))
     if len(motions) == 1:
         return motions[0]
-    return Kinematics(*(np.concatenate([getattr(each, name) for each in motions]) for name in _MOTION))
+    return Kinematics(*(np.concatenate([getattr(motion, name) for motion in motions]) for name in _MOTION))
 
 
 _MOTION = tuple(field.name for field in fields(Kinematics))
@@ -331,18 +377,21 @@ def hull_walls(fleet: Fleet, state: FleetState, but: int, within_m: float) -> Wa
 
 def _others(fleet: Fleet, but: int | None) -> Numbers:
     """Return the indices in `Fleet.hulls` of all vessels but one."""
-    everybody = np.arange(len(fleet.shapes))
-    return everybody if but is None else np.delete(everybody, fleet.place_of(but))
+    hulls = np.arange(len(fleet.shapes))
+    return hulls if but is None else np.delete(hulls, fleet.place_of(but))
 
 
-def _touched(fleet: Fleet, state: FleetState, environment: EnvironmentState) -> tuple[CloseHulls, list[Afloat]]:
+def _compute_contacts(
+    fleet: Fleet, state: FleetState, environment: EnvironmentState
+) -> tuple[CloseHulls, list[Afloat]]:
     """Return the close hulls, and the contacts of each batch."""
     lead, close = fleet.batches[0], state.close
-    look = state.time_ns % lead.drift_ns == 0
-    afloat = [one.afloat for one in state.batches]
-    if not (look or len(close)) and all(each.idle for each in afloat):
+    search = state.time_ns % lead.drift_ns == 0
+    afloat = [batch.afloat for batch in state.batches]
+    if not (search or len(close)) and all(part.idle for part in afloat):
         return close, afloat
-    motions = [one.vessel.motion for one in state.batches]
+    # Contacts with structures and debris
+    motions = [batch.vessel.motion for batch in state.batches]
     afloat = waterways.step_together(
         fleet.waterway,
         [simulation.outline for simulation in fleet.batches],
@@ -351,36 +400,32 @@ def _touched(fleet: Fleet, state: FleetState, environment: EnvironmentState) -> 
         motions,
         simulations.water_motion(lead, environment, state.time_ns),
     )
-    if not (look or len(close)):
+    if not (search or len(close)):
         return close, afloat
+    # Contacts between hulls
     motion = joined_motion(fleet, state)
-    if look:
+    if search:
         close = find_close_hulls(fleet.hulls, find_close_pairs(fleet.hulls, motion.pos_ned_m[:, :2]), motion)
         if not len(close):
             return close, afloat
     contacts = compute_hull_contacts(fleet.hulls, close, motion, lead.dt_s)
     if not len(contacts):
         return close, afloat
+    # Add them to the contacts of each batch
     wrench = wrench_frd(motion, contacts.vessel, contacts.place_ned_m, contacts.force_ned_n)
     first = 0
     for batch, members in enumerate(fleet.members):
         rows = slice(first, first + len(members))
-        own = np.flatnonzero((contacts.vessel >= rows.start) & (contacts.vessel < rows.stop))
-        if len(own):
-            afloat[batch] = _pressed(afloat[batch], contacts.rows(own, contacts.vessel[own] - first), wrench[rows])
+        numbers = np.flatnonzero((contacts.vessel >= rows.start) & (contacts.vessel < rows.stop))
+        if len(numbers):
+            own, others = contacts.rows(numbers, contacts.vessel[numbers] - first), afloat[batch]
+            afloat[batch] = replace(
+                others,
+                contacts=joined_contacts([others.contacts, own]) if len(others.contacts) else own,
+                wrench_frd=wrench[rows] if others.wrench_frd is None else others.wrench_frd + wrench[rows],
+            )
         first = rows.stop
     return close, afloat
-
-
-def _pressed(afloat: Afloat, contacts: Contacts, wrench: Array) -> Afloat:
-    """Add contacts and their wrench to the existing ones."""
-    if len(afloat.contacts):
-        contacts = joined_contacts([afloat.contacts, contacts])
-    return replace(
-        afloat,
-        contacts=contacts,
-        wrench_frd=wrench if afloat.wrench_frd is None else afloat.wrench_frd + wrench,
-    )
 
 
 def _row(motion: Kinematics, rows: slice) -> Kinematics:
@@ -395,29 +440,25 @@ def _row(motion: Kinematics, rows: slice) -> Kinematics:
     )
 
 
-def _battery_row(battery: BatteryState, rows: slice) -> BatteryState:
-    return BatteryState(battery.used_as[rows], battery.voltage_v[rows], battery.current_a[rows])
-
-
 def _own(values: Array, rows: slice) -> Array:
     """Select rows of an array with one row per vessel; return an array with one row for all unchanged."""
     return values if len(values) == 1 else values[rows]
 
 
-def _mixed(now: VesselState, then: VesselState, rows: Sequence[int]) -> VesselState:
+def _with_rows(now: VesselState, then: VesselState, rows: Sequence[int]) -> VesselState:
     """Return `now` with these rows from `then`. The latest changes of velocity come from `now`: they restart."""
 
-    def kept(new: Array, old: Array) -> Array:
+    def mix(new: Array, old: Array) -> Array:
         mixed = new.copy()
         mixed[rows] = old[rows]
         return mixed
 
-    motion = Kinematics(*(kept(getattr(now.motion, name), getattr(then.motion, name)) for name in _MOTION))
+    motion = Kinematics(*(mix(getattr(now.motion, name), getattr(then.motion, name)) for name in _MOTION))
     battery = now.battery
     if battery is not None and then.battery is not None:
         battery = BatteryState(
-            kept(battery.used_as, then.battery.used_as),
-            kept(battery.voltage_v, then.battery.voltage_v),
-            kept(battery.current_a, then.battery.current_a),
+            mix(battery.used_as, then.battery.used_as),
+            mix(battery.voltage_v, then.battery.voltage_v),
+            mix(battery.current_a, then.battery.current_a),
         )
-    return VesselState(motion, kept(now.rotor_speed, then.rotor_speed), now.half_change, now.condition, battery)
+    return VesselState(motion, mix(now.rotor_speed, then.rotor_speed), now.half_change, now.condition, battery)

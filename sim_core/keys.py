@@ -169,7 +169,7 @@ def alternatives(annotation: Any) -> list[tuple[Any, tuple[Any, ...]]]:
     kind, markers = unpacked(annotation)
     if get_origin(kind) not in (Union, UnionType):
         return [] if kind is type(None) else [(kind, markers)]
-    return [(inner, (*own, *markers)) for one in get_args(kind) for inner, own in alternatives(one)]
+    return [(inner, (*own, *markers)) for argument in get_args(kind) for inner, own in alternatives(argument)]
 
 
 def optional(annotation: Any) -> bool:
@@ -188,21 +188,24 @@ def problems(value: Any, annotation: Any, unit: str = "") -> Iterator[tuple[Any,
     """Yield the disallowed values at and below `value`, each with its problem. Groups check themselves."""
     if value is None and optional(annotation):
         return
-    if (rule := own_rule(annotation)) is not None:
-        if problem := rule.problem(value):
+    rule = own_rule(annotation)
+    if rule is not None:
+        problem = rule.problem(value)
+        if problem:
             yield value, problem
         return
     for kind, markers in alternatives(annotation):
         if isinstance(value, tuple) and get_origin(kind) is tuple:
             inner = entries(kind, len(value))
-            if problem := length_problem(value, kind, markers):
+            problem = length_problem(value, kind, markers)
+            if problem:
                 yield value, problem
-            for one, own in zip(value, inner, strict=False):
-                yield from problems(one, own, unit)
-        elif (kind in (float, int) or get_origin(kind) is Literal) and (
-            problem := value_problem(value, kind, markers, unit)
-        ):
-            yield value, problem
+            for entry, own in zip(value, inner, strict=False):
+                yield from problems(entry, own, unit)
+        elif kind in (float, int) or get_origin(kind) is Literal:
+            problem = value_problem(value, kind, markers, unit)
+            if problem:
+                yield value, problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,6 +214,14 @@ class MoreChoices:
 
     names: Callable[[], Sequence[str]]
     """Returns the additional choices. It is called when they are needed."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegisteredGroups:
+    """Marks a key that holds groups of other packages, by name. A file reader looks up the class of each group."""
+
+    registry: str
+    """Entry-point group that has the classes."""
 
 
 def own_rule(annotation: Any) -> ValueProblem | None:
@@ -230,7 +241,8 @@ def length_problem(value: tuple[object, ...], kind: Any, markers: tuple[Any, ...
         return "is too short; give every entry, as in the shipped profiles"
     if len(value) > fixed:
         return f"is too long; give {fixed}"
-    return next((found for one in markers if isinstance(one, Items) and (found := one.problem(value))), None)
+    item_problems = (marker.problem(value) for marker in markers if isinstance(marker, Items))
+    return next((problem for problem in item_problems if problem), None)
 
 
 def value_problem(value: object, kind: Any, markers: tuple[Any, ...], unit: str = "") -> str | None:
@@ -242,13 +254,14 @@ def value_problem(value: object, kind: Any, markers: tuple[Any, ...], unit: str 
         if value in words:
             return None
         more = [name for marker in markers if isinstance(marker, MoreChoices) for name in marker.names()]
-        words = list(dict.fromkeys([*words, *more]))
-        if value in words:
+        if value in more:
             return None
+        added = any(isinstance(marker, MoreChoices) for marker in markers)
+        words = list(dict.fromkeys([*words, *more]))
         close = difflib.get_close_matches(value, words, n=1) if isinstance(value, str) else []
         hint = f"did you mean {close[0]!r}? " if close else ""
         either = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
-        return f"is not one of the choices; {hint}use {either}"
+        return f"is not one of the choices; {hint}use {either}" + (", or install the package that has it" * added)
     if kind is str:
         return None if isinstance(value, str) else "is not text; put it in quotes"
     if kind is bool:
@@ -260,8 +273,8 @@ def value_problem(value: object, kind: Any, markers: tuple[Any, ...], unit: str 
     assert isinstance(value, (int, float))
     if isinstance(value, float) and not math.isfinite(value):
         return f"is not finite; write a finite number{inside}"
-    found = (marker.problem(value) for marker in markers if isinstance(marker, Bounds))
-    return next((f"{problem}{inside}" for problem in found if problem), None)
+    bound_problems = (marker.problem(value) for marker in markers if isinstance(marker, Bounds))
+    return next((f"{problem}{inside}" for problem in bound_problems if problem), None)
 
 
 LARGEST_BITS = 64

@@ -38,10 +38,12 @@ class Simulation:
     vessel: Vessel
     environment: Environment
     hull_waves: HullWaves | StillHull
-    wave_drift_ne_mps: Array  # (2,) drift of the water, over the vessel's draft
+    wave_drift_ne_mps: Array
+    """Drift of the water due to the waves, over the vessel's draft, (2,)."""
     dt_s: float
     dt_ns: int
-    drift_ns: int  # update period of current, gusts and the waves' mean force; a whole number of steps
+    drift_ns: int
+    """Update period of current, gusts and the waves' mean force: a whole number of steps."""
     outline: Outline
     waterway: Waterway = OPEN_WATER
 
@@ -121,11 +123,14 @@ def at_start(simulation: Simulation, vessel: VesselState, environment: Environme
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
     """Return the state one dt_s later, under (N, C) commands in [-1, 1], (1, C) for all vessels: see VesselSpec."""
+    # Current and gusts, which change over seconds
     environment = state.environment
     long_step = state.time_ns % simulation.drift_ns == 0
     if long_step:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
+    # Water and air at the vessels
     held, around = feel(simulation, state, environment)
+    # Debris and contacts
     afloat = state.afloat
     if simulation.waterway is not OPEN_WATER and (long_step or not afloat.idle):
         afloat = waterways.step(
@@ -136,6 +141,7 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
             state.vessel.motion,
             water_motion(simulation, environment, state.time_ns),
         )
+    # Motion of the vessels
     vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
     time_ns = state.time_ns + simulation.dt_ns
     return SimulationState(time_ns, vessel, environment, *held, around.drift_frd_n, around.surface, afloat)

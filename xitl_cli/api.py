@@ -68,19 +68,19 @@ def simulate(
     from xitl_cli.run.nodes.display import NoDisplay
     from xitl_cli.run.session import run
 
-    own = {"clock.seed": seed, "clock.duration_s": duration_s}
-    given = {key: value for key, value in own.items() if value is not None}
+    clock = {"clock.seed": seed, "clock.duration_s": duration_s}
+    clock_overrides = {key: value for key, value in clock.items() if value is not None}
     warnings: tuple[str, ...] = ()
     if isinstance(profile, Profile):
-        if given or overrides:
-            raise UserError(f"{profile.name}: is loaded already; give seed, duration_s and overrides to load_profile")
+        if clock_overrides or overrides:
+            raise UserError(f"{profile.name} is loaded already; give seed, duration_s and overrides to load_profile")
     else:
-        found = load_with_origins(fspath(profile), [*_texts(overrides), *_texts(given)])
-        profile, warnings = found.profile, found.warnings
+        loaded = load_with_origins(fspath(profile), [*_texts(overrides), *_texts(clock_overrides)])
+        profile, warnings = loaded.profile, loaded.warnings
     directory = default_path(profile.name) if out is None else Path(out)
     result = run(profile, directory, overwrite, NoDisplay, timed=duration_s is not None, warnings=warnings)
     if result.summary["error"]:
-        raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
+        raise UserError(f"{result.summary['error']} (the recording until then is in {result.directory})")
     return result
 
 
@@ -101,10 +101,10 @@ def wdri(
     from xitl_cli.graph.wdri import fleet_wdri, profile_wdri
 
     loaded = profile if isinstance(profile, Profile) else load_profile(profile, overrides)
-    held_against = None if reference is None else fspath(reference)
+    reference_name = None if reference is None else fspath(reference)
     if vessel is None and loaded.vessels is not None:
-        return fleet_wdri(loaded, held_against, vertices)
-    return profile_wdri(loaded if vessel is None else loaded.vessel(vessel), held_against, vertices)
+        return fleet_wdri(loaded, reference_name, vertices)
+    return profile_wdri(loaded if vessel is None else loaded.vessel(vessel), reference_name, vertices)
 
 
 def open_log(path: PathText, vessel: str | None = None) -> Log:
@@ -129,12 +129,12 @@ def analyze(*logs: PathText, sections: str | Iterable[str] = (), vessel: str = "
 
     A log that cannot be read is in the report's `refusals`. Raises LogError for an unknown section.
     """
-    from xitl_cli.log_analyses import added_analyses
-    from xitl_cli.logs.report.build import build_report, sections_named
+    from xitl_cli.log_analyses import log_analyses, sections_named
+    from xitl_cli.logs.report.build import OVERVIEW, build_report
 
-    wanted = (sections,) if isinstance(sections, str) else tuple(sections)
-    added = added_analyses(wanted)
-    return build_report([Path(log) for log in logs], sections_named(wanted, added), vessel=vessel, added=added)
+    wanted = sections_named((sections,) if isinstance(sections, str) else tuple(sections))
+    overview = not wanted or OVERVIEW in wanted
+    return build_report([Path(log) for log in logs], log_analyses(wanted), vessel=vessel, overview=overview)
 
 
 def compare(
@@ -155,18 +155,22 @@ def compare(
     of_a, of_b: the autopilot's estimate or the simulator's truth. armed: use only the time in which both were armed.
     vessel: one vessel of a fleet's recording, by default the first. vessel_b: another vessel for `b`.
     """
+    from xitl_cli.log_analyses import log_analyses
+    from xitl_cli.logs.compare.comparison import OVERLAID
     from xitl_cli.logs.compare.comparison import compare as compare_logs
 
+    overlaid = log_analyses(OVERLAID)
     with open_log(a, vessel) as log_a, open_log(b, vessel_b or vessel) as log_b:
-        return compare_logs(log_a, log_b, align=align, start=start, of_a=of_a, of_b=of_b, armed=armed)
+        return compare_logs(
+            log_a, log_b, align=align, start=start, of_a=of_a, of_b=of_b, armed=armed, analyses=overlaid
+        )
 
 
 def _texts(overrides: Overrides) -> list[str]:
+    def plain(value: Any) -> Any:
+        """A path as text, a number or array of numpy as Python's own. Raises TypeError for anything else."""
+        return value.tolist() if hasattr(value, "tolist") else fspath(value)
+
     if isinstance(overrides, Mapping):
-        return [f"{key}={json.dumps(value, default=_plain)}" for key, value in overrides.items()]
+        return [f"{key}={json.dumps(value, default=plain)}" for key, value in overrides.items()]
     return [overrides] if isinstance(overrides, str) else list(overrides)
-
-
-def _plain(value: Any) -> Any:
-    """A path as text, a number or array of numpy as Python's own. Raises TypeError for anything else."""
-    return value.tolist() if hasattr(value, "tolist") else fspath(value)

@@ -26,7 +26,7 @@ class Extra:
     def require(self, who: str) -> None:
         """Raise UserError, with the command to type, when a package is missing. who: with its verb, `a map needs`."""
         if self.missing:
-            raise UserError(f"{who} {' and '.join(self.missing)}, not installed here; {self.pip_line}")
+            raise UserError(f"{who} {' and '.join(self.missing)}, which is not installed; {self.pip_line}")
 
     @property
     def pip_line(self) -> str:

@@ -9,6 +9,7 @@ import shutil
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from xitl_cli.errors import UserError
@@ -19,14 +20,14 @@ if TYPE_CHECKING:
     import typer
 
 FRAMED_HELP_WIDTH = 80
-_ABOUT_THE_AGENT = (["package"], ["deploy"])
+_AGENT_COMMANDS = (["package"], ["deploy"])
 
 
 def main() -> NoReturn:
     """Entry point of the console script."""
     # Before numpy is loaded: the matrices are small, and a second thread costs more time than it saves.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if sys.argv[1:2] == ["agent"] and sys.argv[2:3] not in _ABOUT_THE_AGENT:
+    if sys.argv[1:2] == ["agent"] and sys.argv[2:3] not in _AGENT_COMMANDS:
         from agent.__main__ import main as agent_main  # without the command-line library, because boards are small
 
         sys.exit(agent_main(sys.argv[2:], program="xitl agent"))
@@ -34,35 +35,28 @@ def main() -> NoReturn:
         warnings.simplefilter("ignore")
     if isinstance(sys.stdout, io.TextIOWrapper):  # file names and log texts may have characters that it cannot encode
         sys.stdout.reconfigure(errors="backslashreplace")
+    words = sys.argv[1:]
+    if "_XITL_COMPLETE" in os.environ:  # shell completion: the words typed so far, if the command's name is complete
+        typed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS") or ""
+        words = typed.split()[1:]
+        if len(words) == 1 and not typed[-1:].isspace():
+            words = []
     try:
         try:
-            _app(_typed())(prog_name="xitl")
+            _app(words)(prog_name="xitl")
         finally:
             sys.stdout.flush()
     except (UserError, LogError) as error:
         fail(str(error))
     except OSError as error:
-        from xitl_cli.commands.output import GONE
+        from xitl_cli.commands.output import GONE, discard_output
 
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, *GONE):
             raise
-        # The interpreter would raise again when it flushes the rest of the buffer.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_output()
         if error.errno not in GONE:
-            fail(f"the output cannot be written ({error.strerror}); free space or send it elsewhere")
+            fail(f"the output cannot be written ({error.strerror}); free disk space or write the output elsewhere")
     sys.exit(0)
-
-
-def _typed() -> list[str]:
-    """Return the words of the command line after `xitl`.
-
-    For shell completion, these are the words typed so far, and none while the name of the command is not complete.
-    """
-    if "_XITL_COMPLETE" not in os.environ:
-        return sys.argv[1:]
-    typed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS") or ""
-    words = typed.split()[1:]
-    return words if len(words) > 1 or typed[-1:].isspace() else []
 
 
 def fail(message: str) -> NoReturn:
@@ -115,13 +109,13 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
         rich_markup_mode=markup,
         context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": usual_spelling},
     )
-    for name, declared in _commands(arguments[0] if arguments else "").items():
+    for name, declared in _commands_for(arguments[0] if arguments else "").items():
         asked_for = arguments is None or name in arguments
         if not declared.group:
             if asked_for:
                 declared.add(app, name)
-            else:
-                app.command(name, help=declared.help)(_not_asked_for)
+            else:  # only its line in `xitl --help`
+                app.command(name, help=declared.help)(lambda: None)
             continue
         kind = WrappedGroup if declared.group_class is None or not asked_for else declared.group_class()
         group = typer.Typer(
@@ -130,7 +124,15 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
         if asked_for:
             declared.add(group, name)
         app.add_typer(group, name=name)
-    version = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+
+    def show_version(wanted: bool) -> None:
+        if wanted:
+            from agent import __version__
+
+            typer.echo(f"xitl {__version__}")
+            raise typer.Exit
+
+    version = typer.Option(False, "--version", callback=show_version, is_eager=True, help="Show the version and exit.")
 
     def options(version: bool = version) -> None:
         """X-in-the-loop simulation for autonomous boats and other MAVLink vehicles."""
@@ -139,7 +141,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     return app
 
 
-def _commands(first_word: str) -> dict[str, Command]:
+def _commands_for(first_word: str) -> dict[str, Command]:
     """Return the command of this name, or all commands when there is none."""
     if first_word in CORE_COMMANDS:
         return {first_word: CORE_COMMANDS[first_word]}
@@ -148,10 +150,6 @@ def _commands(first_word: str) -> dict[str, Command]:
     if first_word in registry.names(registry.COMMANDS):
         return {first_word: registry.load(registry.COMMANDS, first_word)}
     return {**CORE_COMMANDS, **dict(registry.load_all(registry.COMMANDS))}
-
-
-def _not_asked_for() -> None:
-    """Placeholder of a command in `xitl --help`."""
 
 
 def _refuse_missing(name: str) -> None:
@@ -163,84 +161,45 @@ def _refuse_missing(name: str) -> None:
     elif name in OWN_PLUGIN_COMMANDS:
         extra = OWN_PLUGIN_COMMANDS[name]
         package = f"'xitl[{extra}]'" if extra else "xitl"
-        raise UserError(
-            f"xitl {name}: its plug-in is not in this installation; pip install --force-reinstall {package}"
-        )
+        raise UserError(f"xitl {name}: the plug-in is not installed; pip install --force-reinstall {package}")
 
 
-def _init(app: typer.Typer, name: str) -> None:
-    from xitl_cli.commands.init import init
-
-    app.command(name)(init)
-
-
-def _sim(app: typer.Typer, name: str) -> None:
-    from xitl_cli.commands import sim
-
-    app.command(name, cls=sim.SimCommand)(sim.sim)
-
-
-def _doctor(app: typer.Typer, name: str) -> None:
-    from xitl_cli.commands.doctor import doctor
-
-    app.command(name)(doctor)
-
-
-def _wdri(app: typer.Typer, name: str) -> None:
-    from xitl_cli.commands.wdri import wdri
-
-    app.command(name)(wdri)
-
-
-def _plugins(app: typer.Typer, name: str) -> None:
-    from xitl_cli.commands.plugins import plugins
-
-    app.command(name)(plugins)
-
-
-def _agent(group: typer.Typer, name: str) -> None:
-    from xitl_cli.commands import agent
-
-    group.command("package")(agent.package)
-    group.command("deploy")(agent.deploy)
-
-
-def _profiles(group: typer.Typer, name: str) -> None:
-    from xitl_cli.commands import profiles
-
-    group.command("list")(profiles.list_profiles)
-    group.command("show")(profiles.show)
-    group.command("check")(profiles.check)
-
-
-def _world(group: typer.Typer, name: str) -> None:
-    from xitl_cli.commands import world
-
-    keep_group(group)
-    group.command("launch")(world.launch)
+def _add(app: typer.Typer, name: str) -> None:
+    """Import the module of a core command and add its function, or the functions of a group."""
+    module = import_module(f"xitl_cli.commands.{name}")
+    if name == "world":
+        keep_group(app)
+    for command, function in _SUBCOMMANDS.get(name, {name: name}).items():
+        app.command(command, cls=module.SimCommand if name == "sim" else None)(getattr(module, function))
 
 
 CORE_COMMANDS: Mapping[str, Command] = {
-    "init": Command(
-        "Write profile, vessel and mission of a boat of your own: they run at once, and say what to edit.", _init
-    ),
-    "sim": Command("Run a simulation.", _sim),
+    "init": Command("Create the profile, vessel and mission of a new boat; they run at once.", _add),
+    "sim": Command("Run a simulation.", _add),
     "doctor": Command(
-        "Check this machine: extras, firmware, ports; it or a board: kernel, permissions, clocks, devices.", _doctor
+        "Check that this machine or a board is ready for runs, and print how to correct each problem.", _add
     ),
     "wdri": Command(
-        "Print nodes, links and the WDRI of a profile: how near its graph comes to a reference, from 0 to 1.", _wdri
+        "Print the nodes, the links and the realism index (WDRI, from 0 to 1) of a profile or of a run.", _add
     ),
-    "profiles": Command("List, show and check profiles.", _profiles, group=True),
-    "plugins": Command("List the installed plug-ins, the package of each, and why one cannot be loaded.", _plugins),
+    "profiles": Command("List, show and check profiles.", _add, group=True),
+    "plugins": Command("List the installed plug-ins and the errors of those that cannot be loaded.", _add),
     "agent": Command(
-        "Run the agent for a simulation host (`xitl agent --help`), package it, deploy it to a board.",
-        _agent,
+        "Run the agent, which connects an autopilot to a run (`xitl agent --help`); package it; deploy it to a board.",
+        _add,
         group=True,
         help_without_command=False,
     ),
-    "world": Command("Put things into the world of a run.", _world, group=True),
+    "world": Command("Change the world of a running simulation.", _add, group=True),
 }
+"""The commands of the core, in the order of `xitl --help`."""
+
+_SUBCOMMANDS = {
+    "profiles": {"list": "list_profiles", "show": "show", "check": "check"},
+    "agent": {"package": "package", "deploy": "deploy"},
+    "world": {"launch": "launch"},
+}
+"""Commands of each group, with the names of their functions."""
 
 OWN_PLUGIN_COMMANDS = {
     "board": "",
@@ -255,16 +214,6 @@ OWN_PLUGIN_COMMANDS = {
     "view": "view",
 }
 """Commands of xitl's plug-ins with their extras, to name the source of a missing command."""
-
-
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        import typer
-
-        from agent import __version__
-
-        typer.echo(f"xitl {__version__}")
-        raise typer.Exit
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from typer.core import TyperGroup
 
     from sim_core.geodesy import LocalFrame
+    from xitl_cli.graph.measured import Edge
     from xitl_cli.profile.schema import RunProfile
     from xitl_cli.record.topics import Topic
     from xitl_cli.run.composition.parts import Place
@@ -95,6 +96,10 @@ class NodeKind:
     needs: Sequence[type] = ()
     """Other nodes of the vessel that `make` finds in `NodeContext.parts`, such as `AutopilotNode`. A run without one of
     them is refused."""
+
+    edges: Sequence[Edge] = ()
+    """Links that the node adds to the graph of each run that has it, by the names of the graph's nodes:
+    `("PS1", "M")`."""
 
     place: Place | None = None
     """Place of the node in a step, None for the usual one: after the mission's score, before the live outputs."""

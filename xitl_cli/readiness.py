@@ -65,13 +65,13 @@ def check_firmware() -> Iterator[DoctorFinding]:
 def _program(name: str, find: Callable[[], Path], variable: str | None, advice: str) -> DoctorFinding:
     """Return the finding on a program. variable: the environment variable for it, if set."""
     try:
-        found = str(find())
+        path = find()
     except UserError as error:
         if variable is None:
             profiles = name.replace("ArduRover", "ArduPilot")
             return DoctorFinding(name, OK, f"none found (only for profiles with {profiles})", advice)
         return DoctorFinding(name, WARNING, str(error), f"correct {variable}, or unset it")
-    return DoctorFinding(name, OK, found if variable is None else f"{found} (named by {variable})")
+    return DoctorFinding(name, OK, f"{path}" + (f" (from {variable})" if variable else ""))
 
 
 def check_ports() -> Iterator[DoctorFinding]:
@@ -84,11 +84,11 @@ def check_ports() -> Iterator[DoctorFinding]:
             "ground stations",
             WARNING,
             f"TCP {listens_at} is taken by another program, perhaps another run",
-            "a run listens at the next free port and says which; or end that program",
+            "a run uses the next free port and prints it; or end that program",
         )
     listening = not _free(socket.SOCK_DGRAM, sends_to.port or 0)
-    who = "a program, as a ground station does" if listening else "nobody yet"
-    yield DoctorFinding("ground stations", OK, f"{who} listens at UDP {sends_to.port}, where a run sends to")
+    who = "a program, perhaps a ground station," if listening else "no program yet"
+    yield DoctorFinding("ground stations", OK, f"{who} listens at UDP {sends_to.port}, where a run sends its telemetry")
 
 
 def _free(kind: socket.SocketKind, port: int) -> bool:
@@ -111,23 +111,23 @@ def check_pseudo_terminals() -> DoctorFinding:
         return DoctorFinding(
             "pseudo-terminals",
             WARNING,
-            f"none can be had ({error.strerror}): no serial and CAN loopback",
+            f"cannot be opened ({error.strerror}): no serial and CAN loopback",
             "mount /dev/pts",
         )
-    return DoctorFinding("pseudo-terminals", OK, "can be had, for serial and CAN loopback")
+    return DoctorFinding("pseudo-terminals", OK, "can be opened, for serial and CAN loopback")
 
 
-def verdict(what: str, findings: Iterable[DoctorFinding]) -> tuple[str, str]:
-    """Return (level, sentence): whether it will work."""
+def verdict(purpose: str, findings: Iterable[DoctorFinding]) -> tuple[str, str]:
+    """Return (level, sentence): whether `purpose` will work."""
     named: dict[str, list[str]] = {PROBLEM: [], WARNING: []}
     for finding in findings:
         if finding.level in named:
             named[finding.level].append(finding.check)
     if named[PROBLEM]:
-        return PROBLEM, f"{what}: will not work ({', '.join(named[PROBLEM])})"
+        return PROBLEM, f"{purpose}: will not work ({', '.join(named[PROBLEM])})"
     if named[WARNING]:
-        return WARNING, f"{what}: will work, less well ({', '.join(named[WARNING])})"
-    return OK, f"{what}: ready"
+        return WARNING, f"{purpose}: will work with limits ({', '.join(named[WARNING])})"
+    return OK, f"{purpose}: ready"
 
 
 def without_optional(findings: Sequence[DoctorFinding]) -> str:

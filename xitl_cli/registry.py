@@ -12,22 +12,19 @@ The entry points are read once per process, at the first question.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from xitl_cli.entry_points import EntryPoint, entry_points
+from agent.entry_points import EntryPoint, ranked_entry_points
 from xitl_cli.errors import UserError
 
-INTERFACE = 1
-"""Version of the interface between xitl and plug-ins. A plug-in module may state its own as `XITL_INTERFACE`."""
-
-OWN_PACKAGE = "xitl"
 COMMANDS = "xitl.commands"
 NODES = "xitl.nodes"
 DRIVERS = "xitl.drivers"
+BRIDGES = "xitl.bridges"
+ACTUATORS = "xitl.actuators"
 LOG_ANALYSES = "xitl.log_analyses"
 LOG_FORMATS = "xitl.log_formats"
 LIVE_OUTPUTS = "xitl.live_outputs"
@@ -41,6 +38,8 @@ GROUPS = {
     COMMANDS: "a command, or a group of commands: `xitl_cli.plugin.Command`",
     NODES: "nodes of a run with profile keys and topics, such as a sensor: `xitl_cli.plugin.NodeKind`",
     DRIVERS: "drivers, which command an autopilot in a run: `xitl_cli.plugin.DriverKind`",
+    BRIDGES: "bridges, which feed an autopilot and read its outputs: `agent.bridges.kinds.BridgeKind`",
+    ACTUATORS: "actuators of a vessel, such as a sail: keys that derive from `sim_core.vessel.actuators.ActuatorSpec`",
     LOG_ANALYSES: "analyses of `xitl logs analyze`: a function from a `Log` to a `Section`, or to None",
     LOG_FORMATS: "formats of logs beyond those of xitl: `xitl_cli.logs.formats.added.LogFormat`",
     LIVE_OUTPUTS: "live outputs of a run, as a function from profiles to "
@@ -114,7 +113,7 @@ def plugins() -> list[Plugin]:
             if entry is not first:
                 error = f"the name is taken by {first.package}; rename one of them, or uninstall its package"
             else:
-                error = _load_error(entry)
+                error = entry.load_error()
             rows.append(Plugin(group, entry.name, entry.target, entry.package, entry.version, error))
     return rows
 
@@ -128,8 +127,7 @@ def rescan() -> None:
 @cache
 def _registered() -> tuple[EntryPoint, ...]:
     """Entry points of all groups: xitl's own first, then by package and name."""
-    entries = entry_points(prefix="xitl.")
-    return tuple(sorted(entries, key=lambda e: (e.package != OWN_PACKAGE, e.package, e.name)))
+    return ranked_entry_points("xitl.")
 
 
 def _entries(group: str) -> Iterator[EntryPoint]:
@@ -146,23 +144,6 @@ def _first_of_each_name(group: str) -> dict[str, EntryPoint]:
 
 
 def _loaded(entry: EntryPoint) -> Any:
-    if error := _load_error(entry):
+    if error := entry.load_error():
         raise PluginError(error)
     return entry.load()
-
-
-def _load_error(entry: EntryPoint) -> str:
-    """Return the reason why an entry point cannot be loaded, empty when it can."""
-    who = f"{entry.name}: the plug-in of {entry.package} {entry.version}"
-    again = f"pip install --force-reinstall {entry.package}"
-    try:
-        entry.load()
-        wanted = getattr(sys.modules[entry.module], "XITL_INTERFACE", INTERFACE)
-    except (Exception, SystemExit) as problem:  # noqa: BLE001  the code of a plug-in may raise anything when imported
-        reason = " ".join(f"{type(problem).__name__}: {problem}".split())
-        return f"{who} cannot be loaded ({reason}); correct it, or reinstall it: {again}"
-    if wanted != INTERFACE:
-        return (
-            f"{who} is made for interface {wanted} of xitl, and this is interface {INTERFACE}; install a version for it"
-        )
-    return ""

@@ -15,7 +15,6 @@ from sim_core.world.geometry import BED, Box, Mesh, Plane, WorldError, box, impo
 from sim_core.world.ray_backends import make_caster
 from sim_core.world.rays import Backend, RayCaster, Scene, ScenePart
 from sim_core.world.river import Bed, FlatBed, RiverBed, bank_parts, shoal_part
-from sim_core.world.spec import MeshFileSpec
 from sim_core.world.structures import LogBoom, building_part, dam_box, dam_parts
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
@@ -64,7 +63,12 @@ class Scenery:
     @cached_property
     def scene(self) -> Scene:
         """Everything, in triangles. Raises UserError for a mesh that cannot be read."""
-        parts = self._ground()
+        if isinstance(self.bed, RiverBed):
+            parts = [*(ScenePart("ground", mesh) for mesh in self.bed.meshes()), *self._banks]
+        else:
+            down_m = float(self.bed.bed_down_m(np.zeros(2)))
+            flat = moved(box((_FLAT_BED_M, _FLAT_BED_M, 1.0), BED), (0.0, 0.0, down_m + 0.5))
+            parts = [ScenePart("bed", flat, (Plane(np.array([0.0, 0.0, 1.0]), down_m, BED),))]
         if self.boom is not None:
             parts += self.boom.parts()
         if self._world.dam is not None:
@@ -90,7 +94,16 @@ class Scenery:
 
     @cached_property
     def _meshes(self) -> list[ScenePart]:
-        return [self._mesh(number, mesh) for number, mesh in enumerate(self._world.meshes)]
+        parts = []
+        for number, spec in enumerate(self._world.meshes):
+            try:
+                mesh, warning = import_mesh(spec)
+            except WorldError as error:
+                raise UserError(f"{self._name}: world.meshes.{number}: {error}") from error
+            if warning is not None:
+                self._warnings.append(f"world.meshes.{number}: {warning}")
+            parts.append(ScenePart(Path(spec.file).name, mesh))
+        return parts
 
     def caster(self, backend: Backend = "embree") -> RayCaster:
         """Return the shared ray caster. Raises UserError without Embree, because numpy is fifty times too slow."""
@@ -100,19 +113,3 @@ class Scenery:
             except WorldError as error:
                 raise UserError(f"{self._name}: {error}") from error
         return self._casters[backend]
-
-    def _ground(self) -> list[ScenePart]:
-        if not isinstance(self.bed, RiverBed):
-            down_m = float(self.bed.bed_down_m(np.zeros(2)))
-            flat = moved(box((_FLAT_BED_M, _FLAT_BED_M, 1.0), BED), (0.0, 0.0, down_m + 0.5))
-            return [ScenePart("bed", flat, (Plane(np.array([0.0, 0.0, 1.0]), down_m, BED),))]
-        return [*(ScenePart("ground", mesh) for mesh in self.bed.meshes()), *self._banks]
-
-    def _mesh(self, number: int, spec: MeshFileSpec) -> ScenePart:
-        try:
-            mesh, warning = import_mesh(spec)
-        except WorldError as error:
-            raise UserError(f"{self._name}: world.meshes.{number}: {error}") from error
-        if warning is not None:
-            self._warnings.append(f"world.meshes.{number}: {warning}")
-        return ScenePart(Path(spec.file).name, mesh)

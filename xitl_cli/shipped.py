@@ -27,4 +27,4 @@ def _shipped(folder: str) -> Path:
     for candidate in (package / "shipped" / folder, package.parent / folder):
         if candidate.is_dir():
             return candidate
-    raise UserError(f"{package / 'shipped' / folder}: the {folder} that come with xitl are missing; install xitl again")
+    raise UserError(f"{package / 'shipped' / folder} is missing; install xitl again")

@@ -64,7 +64,7 @@ def findings_to_json(findings: Iterable[DoctorFinding]) -> str:
 def findings_from_objects(objects: Any) -> list[DoctorFinding]:
     """Return the findings that `findings_to_objects` wrote. Raises ValueError for any other content."""
     try:
-        findings = [DoctorFinding(**{key: str(value) for key, value in one.items()}) for one in objects]
+        findings = [DoctorFinding(**{key: str(value) for key, value in entry.items()}) for entry in objects]
     except (AttributeError, TypeError):
         raise ValueError("not findings of a doctor") from None
     if any(finding.level not in _COLOURS for finding in findings):
@@ -100,7 +100,7 @@ def check_kernel(root: Path, release: str, version: str) -> DoctorFinding:
         "kernel",
         WARNING,
         f"{release}, not PREEMPT_RT",
-        "deadlines of a few ms are missed now and then; for better ones install a PREEMPT_RT kernel (linux-image-rt-…)",
+        "deadlines of a few ms are sometimes missed; to avoid this, install a PREEMPT_RT kernel (linux-image-rt-…)",
     )
 
 
@@ -124,7 +124,7 @@ def check_real_time(root: Path) -> DoctorFinding:
         "real time",
         WARNING,
         "SCHED_FIFO not permitted to this user",
-        "run the agent as a service of the system (xitl agent deploy root@… --service), or add to "
+        "run the agent as a system service (xitl agent deploy root@… --service), or add to "
         "/etc/security/limits.conf: <user> - rtprio 99",
     )
 
@@ -134,26 +134,27 @@ def check_memory_lock(root: Path) -> DoctorFinding:
     limit = _limit(root, "Max locked memory")
     if _capable(root, CAP_IPC_LOCK) or limit == float("inf"):
         return DoctorFinding("memory lock", OK, "memory can be locked")
-    found = "unknown" if limit is None else f"{limit / 1024:.0f} KiB"
+    shown = "unknown" if limit is None else f"{limit / 1024:.0f} KiB"
     return DoctorFinding(
         "memory lock",
         WARNING,
-        f"memory cannot be locked (limit {found})",
-        "run the agent as a service of the system, or add to /etc/security/limits.conf: <user> - memlock unlimited",
+        f"memory cannot be locked (limit {shown})",
+        "run the agent as a system service, or add to /etc/security/limits.conf: <user> - memlock unlimited",
     )
 
 
 def check_governor(root: Path) -> DoctorFinding:
     """Check the frequency governor of the processors."""
-    found = {read(path) for path in (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")} - {""}
-    if not found:
+    paths = (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
+    governors = {read(path) for path in paths} - {""}
+    if not governors:
         return DoctorFinding("CPU clock", OK, "not governed by this system")
-    if found == {"performance"}:
+    if governors == {"performance"}:
         return DoctorFinding("CPU clock", OK, "governor performance")
     return DoctorFinding(
         "CPU clock",
         WARNING,
-        f"governor {', '.join(sorted(found))}: the clock changes with the load, and the jitter with it",
+        f"governor {', '.join(sorted(governors))}: the CPU clock and the jitter change with the load",
         "for path in /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor; do echo performance | sudo tee $path; done",
     )
 
@@ -161,12 +162,12 @@ def check_governor(root: Path) -> DoctorFinding:
 def check_processors(count: int) -> DoctorFinding:
     if count > 1:
         return DoctorFinding("processors", OK, f"{count}")
-    return DoctorFinding("processors", OK, "1: whatever else runs takes time from the agent")
+    return DoctorFinding("processors", OK, "1: other programs take time from the agent")
 
 
 def check_speed(rate_hz: float) -> DoctorFinding:
     """Report the speed, to compare boards. rate_hz: rate of the fixed loop in `agent.machine`."""
-    return DoctorFinding("speed", OK, f"a fixed Python loop goes round {rate_hz * 1e-6:.2f} million times a second")
+    return DoctorFinding("speed", OK, f"{rate_hz * 1e-6:.2f} million passes of a fixed Python loop per second")
 
 
 def check_memory(root: Path) -> DoctorFinding:
@@ -181,7 +182,7 @@ def check_memory(root: Path) -> DoctorFinding:
     found = f"{free_mib} MiB of {total_mib} MiB available"
     if free_mib < GOOD_MEMORY_MIB:
         level = PROBLEM if free_mib < LEAST_MEMORY_MIB else WARNING
-        return DoctorFinding("memory", level, found, "the agent takes about 30 MiB; stop services that are not needed")
+        return DoctorFinding("memory", level, found, "the agent needs about 30 MiB; stop services that are not needed")
     return DoctorFinding("memory", OK, found)
 
 
@@ -190,7 +191,7 @@ def check_disk(place: str, free_bytes: int) -> DoctorFinding:
     found = f"{free_mib} MiB free at {place}"
     if free_mib < GOOD_DISK_MIB:
         level = PROBLEM if free_mib < LEAST_DISK_MIB else WARNING
-        return DoctorFinding("disk", level, found, "make room: a log takes about 1 MiB a minute")
+        return DoctorFinding("disk", level, found, "free some space: a log takes about 1 MiB per minute")
     return DoctorFinding("disk", OK, found)
 
 
@@ -203,10 +204,9 @@ def check_clock(root: Path, resolution_s: float) -> DoctorFinding:
             "clock", PROBLEM, found, "too coarse for deadlines; use a kernel with CONFIG_HIGH_RES_TIMERS"
         )
     if source in _SLOW_CLOCKS:
-        there = read(root / "sys/devices/system/clocksource/clocksource0/available_clocksource")
-        return DoctorFinding(
-            "clock", WARNING, found, f"slow to read; choose a faster one at boot (clocksource=, there: {there})"
-        )
+        available = read(root / "sys/devices/system/clocksource/clocksource0/available_clocksource")
+        advice = f"slow to read; choose a faster clock source at boot (clocksource=…, available: {available})"
+        return DoctorFinding("clock", WARNING, found, advice)
     return DoctorFinding("clock", OK, found)
 
 
@@ -217,12 +217,12 @@ def check_date(root: Path, year: int, released: int) -> DoctorFinding:
 
     Only file dates and log dates depend on it. The agent keeps time by the monotonic clock.
     """
-    advice = "dates in logs will be wrong, nothing else; to set it: timedatectl set-ntp true"
+    advice = "only the dates in logs will be wrong; to set the date: timedatectl set-ntp true"
     if year < released:
-        return DoctorFinding("date", WARNING, f"this machine believes it is {year}", advice)
+        return DoctorFinding("date", WARNING, f"the year of this machine is {year}", advice)
     if (root / "run/systemd/timesync/synchronized").exists() or any((root / "run").glob("chrony/*.pid")):
         return DoctorFinding("date", OK, "set by NTP")
-    return DoctorFinding("date", OK, f"{year}, by its own clock (no systemd-timesyncd or chrony)")
+    return DoctorFinding("date", OK, f"{year}, not synchronised (no systemd-timesyncd or chrony)")
 
 
 def check_python(version: tuple[int, ...], needed: tuple[int, int], bits: int) -> DoctorFinding:
@@ -236,7 +236,7 @@ def check_python(version: tuple[int, ...], needed: tuple[int, int], bits: int) -
 def check_sockets(root: Path) -> DoctorFinding:
     text = read(root / "proc/sys/net/core/rmem_max")
     if not text.isdigit():
-        return DoctorFinding("sockets", OK, "receive buffer not told by this system")
+        return DoctorFinding("sockets", OK, "this system does not report its receive buffer")
     if int(text) < GOOD_BUFFER_BYTES:
         advice = f"messages may be lost while the machine is busy; sysctl -w net.core.rmem_max={GOOD_BUFFER_BYTES}"
         return DoctorFinding("sockets", WARNING, f"receive buffers of at most {int(text)} bytes", advice)
@@ -244,20 +244,19 @@ def check_sockets(root: Path) -> DoctorFinding:
 
 
 def check_temperature(root: Path) -> DoctorFinding:
-    found = []
+    temperatures_degc = []
     for path in (root / "sys/class/thermal").glob("thermal_zone*/temp"):
         try:
-            found.append(int(read(path)) * 1e-3)
+            temperatures_degc.append(int(read(path)) * 1e-3)
         except ValueError:
             continue
-    if not found:
+    if not temperatures_degc:
         return DoctorFinding("temperature", OK, "no sensor")
-    hottest = max(found)
-    if hottest > HOT_DEGC:
-        return DoctorFinding(
-            "temperature", WARNING, f"{hottest:.0f} °C", "cool the board: a hot one slows its clock down"
-        )
-    return DoctorFinding("temperature", OK, f"{hottest:.0f} °C")
+    hottest_degc = max(temperatures_degc)
+    found = f"{hottest_degc:.0f} °C"
+    if hottest_degc > HOT_DEGC:
+        return DoctorFinding("temperature", WARNING, found, "cool the board: a hot board reduces its CPU clock")
+    return DoctorFinding("temperature", OK, found)
 
 
 def check_serial_devices(root: Path) -> Iterator[DoctorFinding]:
@@ -271,37 +270,39 @@ def check_serial_devices(root: Path) -> Iterator[DoctorFinding]:
     for path in devices:
         name = f"/dev/{path.name}"
         if path.name in console:
-            yield DoctorFinding(
-                "serial", WARNING, f"{name} is the kernel's console", "take another one, or console= off it"
-            )
+            advice = "use another device, or remove console= for this one from the kernel command line"
+            yield DoctorFinding("serial", WARNING, f"{name} is the kernel's console", advice)
         elif not os.access(path, os.R_OK | os.W_OK):
             advice = "sudo usermod -aG dialout $USER, then log in again"
-            yield DoctorFinding("serial", WARNING, f"{name} may not be opened by this user", advice)
+            yield DoctorFinding("serial", WARNING, f"this user may not open {name}", advice)
         else:
             yield DoctorFinding("serial", OK, name)
 
 
 def check_usb_ethernet(root: Path) -> DoctorFinding:
-    found = []
+    interfaces = []
     for path in sorted((root / "sys/class/net").glob("*")):
-        driver = _link_name(path / "device/driver")
+        try:
+            driver = (path / "device/driver").readlink().name
+        except OSError:
+            driver = ""
         on_usb = "/usb" in os.path.realpath(path / "device") or "gadget" in os.path.realpath(path / "device")
         if on_usb or path.name.startswith("usb") or driver in ("cdc_ether", "cdc_ncm", "rndis_host", "g_ether"):
-            found.append((path.name, read(path / "operstate") or "unknown"))
-    if not found:
+            interfaces.append((path.name, read(path / "operstate") or "unknown"))
+    if not interfaces:
         return DoctorFinding("USB-Ethernet", OK, "no interface (matters only for a link over USB)")
-    said = ", ".join(f"{name} {state}" for name, state in found)
-    if any(state in ("up", "unknown") for _, state in found):
-        return DoctorFinding("USB-Ethernet", OK, said)
-    return DoctorFinding("USB-Ethernet", WARNING, said, f"check the cable; sudo ip link set {found[0][0]} up")
+    found = ", ".join(f"{name} {state}" for name, state in interfaces)
+    if any(state in ("up", "unknown") for _, state in interfaces):
+        return DoctorFinding("USB-Ethernet", OK, found)
+    return DoctorFinding("USB-Ethernet", WARNING, found, f"check the cable; sudo ip link set {interfaces[0][0]} up")
 
 
 def check_can_interfaces(root: Path) -> Iterator[DoctorFinding]:
     """Yield one finding per CAN interface, or one finding that reports none."""
-    there = [path for path in (root / "sys/class/net").glob("*") if read(path / "type") == str(_ARPHRD_CAN)]
-    if not there:
+    paths = [path for path in (root / "sys/class/net").glob("*") if read(path / "type") == str(_ARPHRD_CAN)]
+    if not paths:
         yield DoctorFinding("CAN", OK, "no SocketCAN interface (matters only for can://socketcan links)")
-    for path in sorted(there):
+    for path in sorted(paths):
         try:
             up = bool(int(read(path / "flags"), 16) & _IFF_UP)
         except ValueError:
@@ -311,13 +312,6 @@ def check_can_interfaces(root: Path) -> Iterator[DoctorFinding]:
         else:
             advice = f"sudo ip link set {path.name} up type can bitrate 1000000"
             yield DoctorFinding("CAN", WARNING, f"{path.name} is down", advice)
-
-
-def _link_name(path: Path) -> str:
-    try:
-        return path.readlink().name
-    except OSError:
-        return ""
 
 
 def _limit(root: Path, name: str) -> float | None:
@@ -348,9 +342,9 @@ _PACKAGES = {"serial": "pyserial", "can": "python-can"}
 
 def main(arguments: list[str], program: str) -> int:
     """Print the findings. Return 1 when something will not work."""
-    parser = argparse.ArgumentParser(prog=program, description="Check whether this machine is fit to run the agent.")
-    parser.add_argument("--link", metavar="URL", help="link to try as well: its port, device or interface")
-    parser.add_argument("--json", action="store_true", help="findings as JSON")
+    parser = argparse.ArgumentParser(prog=program, description="Check whether this machine can run the agent.")
+    parser.add_argument("--link", metavar="URL", help="also open this link: its port, device or interface")
+    parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     parser.add_argument("--for-host", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     findings = examine(options.link, OLDEST)
@@ -395,30 +389,32 @@ def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/"
 
 def check_packages(link_url: str | None) -> list[DoctorFinding]:
     """Check the packages for serial and CAN links. A missing package is a problem only when the link needs it."""
-    found = []
+    findings = []
     for module, package in _PACKAGES.items():
         wanted = (link_url or "").startswith(f"{module}:")
         try:
             import_module(module)
         except ImportError:
             level = PROBLEM if wanted else OK
-            advice = f"pip install {package}, or use the xitl-agent.pyz, which brings it" if wanted else ""
-            found.append(DoctorFinding(package, level, f"not installed (matters only for {module}:// links)", advice))
+            advice = f"pip install {package}, or use xitl-agent.pyz, which contains it" if wanted else ""
+            findings.append(
+                DoctorFinding(package, level, f"not installed (matters only for {module}:// links)", advice)
+            )
         else:
-            found.append(DoctorFinding(package, OK, "installed"))
-    return found
+            findings.append(DoctorFinding(package, OK, "installed"))
+    return findings
 
 
 def check_link(url: str | None) -> DoctorFinding:
     """Open the link briefly, as the agent would, and close it again."""
-    wanted = url or DEFAULT_LINK
+    link = url or DEFAULT_LINK
     try:
-        open_transport(wanted, listen=True).close()
+        open_transport(link, listen=True).close()
     except AddressInUseError as error:
         level = WARNING if url is None else PROBLEM
         return DoctorFinding(
-            "link", level, f"{error.where}: {error.what}", "does an agent run here already? then all is well"
+            "link", level, f"{error.where}: {error.what}", "if an agent already runs here, nothing is wrong"
         )
     except TransportError as error:
         return DoctorFinding("link", PROBLEM, f"{error.where}: {error.what}", error.fix)
-    return DoctorFinding("link", OK, f"{wanted} can be opened")
+    return DoctorFinding("link", OK, f"{link} can be opened")

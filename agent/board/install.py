@@ -61,17 +61,22 @@ def settings_to_json(settings: DeploySettings) -> bytes:
 def settings_from_json(data: bytes) -> DeploySettings:
     """Read the settings. Raises DeploySettingsError."""
     try:
-        given: Any = json.loads(data)
+        document: Any = json.loads(data)
     except ValueError:
-        raise DeploySettingsError("the settings are no JSON; use xitl agent deploy of the same version") from None
-    if not isinstance(given, dict) or set(given) != {"service", "options", "files"}:
+        raise DeploySettingsError("the settings are not JSON; use xitl agent deploy of the same version") from None
+    if not isinstance(document, dict) or set(document) != {"service", "options", "files"}:
         raise DeploySettingsError(
             "the settings are not service, options and files; use xitl agent deploy of this version"
         )
-    service, options, files = given["service"], given["options"], given["files"]
+    service, options, files = document["service"], document["options"], document["files"]
     if not isinstance(service, bool) or not isinstance(files, dict) or not isinstance(options, (dict, type(None))):
         raise DeploySettingsError("the settings have the wrong types; use xitl agent deploy of the same version")
-    return DeploySettings(service, None if options is None else checked_options(options), _checked_files(files))
+    for key, content in files.items():
+        if key not in FILES:
+            raise DeploySettingsError(f"{key!r} is not an option that names a file to copy; known: {', '.join(FILES)}")
+        if not isinstance(content, str) or len(content) > _LONGEST:
+            raise DeploySettingsError(f"{key}: the file is not text or has over {_LONGEST} characters; check the path")
+    return DeploySettings(service, None if options is None else checked_options(options), dict(files))
 
 
 def checked_options(options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
@@ -87,24 +92,9 @@ def checked_options(options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
             raise DeploySettingsError(f"{key}: its values are not texts; use xitl agent deploy of the same version")
         for value in values:
             if not value.isprintable() or value != value.strip():
-                raise DeploySettingsError(
-                    f"{key} = {value!r}: has control characters or blanks at an end; leave them out"
-                )
+                raise DeploySettingsError(f"{key} = {value!r}: has control characters or spaces at an end; remove them")
         checked[key] = tuple(values)
     return checked
-
-
-def _checked_files(files: dict[str, Any]) -> dict[str, str]:
-    for key, content in files.items():
-        if key not in FILES:
-            raise DeploySettingsError(
-                f"{key!r} is no option that names a file to bring along; known: {', '.join(FILES)}"
-            )
-        if not isinstance(content, str) or len(content) > _LONGEST:
-            raise DeploySettingsError(
-                f"{key}: the file is no text or longer than {_LONGEST} characters; check the path"
-            )
-    return dict(files)
 
 
 def configuration(options: dict[str, tuple[str, ...]]) -> str:
@@ -163,7 +153,9 @@ def install_places(system: bool, home: Path, stage: str = "") -> InstallPlaces:
 def main(arguments: list[str], program: str) -> int:
     """Install the settings from standard input. Print the outcome as one line of JSON after `MARK`."""
     if arguments or sys.stdin.isatty():
-        sys.stdout.write(f"{program}: started by `xitl agent deploy user@host`, which sends what to install\n")
+        sys.stdout.write(
+            f"{program}: run `xitl agent deploy user@host` instead, which starts this command and sends the files\n"
+        )
         return 2
     where = install_places(os.geteuid() == 0, Path.home(), os.environ.get("DESTDIR", "").rstrip("/"))
     try:
@@ -210,24 +202,26 @@ def install(data: bytes, settings: DeploySettings, where: InstallPlaces) -> dict
     }
     written = where.staged(where.units / NAME)
     if settings.service:
-        _make(where.staged(where.state))
+        _make_directory(where.staged(where.state))
         if _write(written, unit_text(command, str(where.state), where.system).encode(), 0o644):
             changed.append(str(where.units / NAME))
         systemd = Systemd(where.system)
         outcome["started"] = systemd.apply(changed=bool(changed))
         outcome["service"] = systemd.status()
         if not where.system:
-            outcome["notes"] = _about_lingering()
+            outcome["notes"] = _lingering_notes()
     elif changed and written.exists():
-        outcome["notes"] = ["the service that is installed here still runs what it was started with; add --service"]
+        outcome["notes"] = [
+            "the installed service still runs the previous version or settings; add --service to restart it"
+        ]
     return outcome
 
 
-def _make(directory: Path) -> None:
+def _make_directory(directory: Path) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InstallError(f"{directory}: cannot be made ({error.strerror}); check who may write there") from error
+        raise InstallError(f"{directory}: cannot be created ({error.strerror}); check the permissions there") from error
 
 
 def _write(path: Path, data: bytes, mode: int, tried: bool = False) -> bool:
@@ -252,20 +246,20 @@ def _write(path: Path, data: bytes, mode: int, tried: bool = False) -> bool:
             os.fsync(file.fileno())
         os.chmod(temporary, mode)  # noqa: PTH101
         if tried:
-            _try(temporary)
+            _check_start(temporary)
         os.replace(temporary, path)  # noqa: PTH105
         temporary = ""
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        todo = "make room there" if full else "check who may write there"
-        raise InstallError(f"{path}: cannot be written ({error.strerror}); {todo}") from error
+        advice = "free some space there" if full else "check the permissions there"
+        raise InstallError(f"{path}: cannot be written ({error.strerror}); {advice}") from error
     finally:
         if temporary:
             os.unlink(temporary)  # noqa: PTH108
     return True
 
 
-def _try(archive: str) -> None:
+def _check_start(archive: str) -> None:
     """Check that the new archive starts here before it replaces the old one."""
     try:
         ran = subprocess.run(
@@ -278,16 +272,18 @@ def _try(archive: str) -> None:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise InstallError(f"the agent did not start on this board within {_TRY_S:.0f} s; is the board busy?") from None
+        raise InstallError(
+            f"the agent did not start on this board within {_TRY_S:.0f} s; check whether the board is busy"
+        ) from None
     if ran.returncode:
         lines = ran.stderr.strip().splitlines() or [f"exit code {ran.returncode}"]
         raise InstallError(
             f"the agent does not start with Python {platform.python_version()} on this board ({lines[-1]}); "
-            "what was installed before is untouched"
+            "the previous installation is unchanged"
         )
 
 
-def _about_lingering() -> list[str]:
+def _lingering_notes() -> list[str]:
     try:
         user = Path("/var/lib/systemd/linger") / os.environ.get("USER", "")
         lingers = bool(os.environ.get("USER")) and user.exists()
@@ -296,6 +292,6 @@ def _about_lingering() -> list[str]:
     if lingers:
         return []
     return [
-        "a user's service stops when that user logs out and does not start at boot; to change that, "
-        "on the board: sudo loginctl enable-linger $USER (or deploy as root)"
+        "a user service stops when the user logs out and does not start at boot; to change this, "
+        "run on the board: sudo loginctl enable-linger $USER (or deploy as root)"
     ]

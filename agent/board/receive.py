@@ -32,9 +32,9 @@ def receive(source: BinaryIO) -> int:
     data = source.read(header["bytes"])
     if len(data) != header["bytes"]:
         raise ValueError(f"only {len(data)} of {header['bytes']} bytes arrived; try again")
-    found = hashlib.sha256(data).hexdigest()
-    if found != header["sha256"]:
-        raise ValueError(f"what arrived has the SHA-256 {found} in place of {header['sha256']}; try again")
+    digest = hashlib.sha256(data).hexdigest()
+    if digest != header["sha256"]:
+        raise ValueError(f"the received archive has the SHA-256 {digest} instead of {header['sha256']}; try again")
     handle, path = tempfile.mkstemp(prefix="xitl-agent-", suffix=".pyz")
     try:
         with os.fdopen(handle, "wb") as file:
@@ -51,7 +51,9 @@ def main() -> int:
     try:
         return receive(sys.stdin.buffer)
     except OSError as error:
-        sentence = f"the board cannot keep the archive ({error.strerror}: {tempfile.gettempdir()}); make room there"
+        sentence = (
+            f"the board cannot store the archive ({error.strerror}: {tempfile.gettempdir()}); free some space there"
+        )
     except ValueError as error:
         sentence = str(error)
     sys.stdout.write(MARK + json.dumps({"error": sentence}) + "\n")

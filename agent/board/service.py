@@ -13,7 +13,7 @@ START_TIMEOUT_S = 90
 _JOURNAL_TRIES, _JOURNAL_PAUSE_S = 5, 0.3
 
 _UNIT = """\
-# Written by `xitl agent deploy`; a change here is lost with the next one. To keep one: systemctl edit xitl-agent
+# Written by `xitl agent deploy`, which overwrites changes. To keep a change: systemctl edit xitl-agent
 [Unit]
 Description=xitl agent
 After=network.target
@@ -114,27 +114,27 @@ class Systemd:
         done = self._run(*arguments)
         if done.returncode == 0:
             return
-        said = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
-        if "PID 1" in said or "Failed to connect to bus" in said or "Host is down" in said:
-            whose = "the system" if self.system else "this user"
+        error = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
+        if "PID 1" in error or "Failed to connect to bus" in error or "Host is down" in error:
+            owner = "the system" if self.system else "this user"
             raise ServiceError(
-                f"systemctl {arguments[0]}: systemd does not run here for {whose} ({said}); "
-                "start the agent by hand, or by what starts services on this board"
+                f"systemctl {arguments[0]}: systemd does not run here for {owner} ({error}); "
+                "start the agent by hand or with this board's service manager"
             )
         journal = f"journalctl {'' if self.system else '--user '}-u {NAME}"
-        why = self._last_words(begun_s) if arguments[0] == "restart" else ""
-        if why:
-            raise ServiceError(f"the service does not start: {why}; more of it on the board with: {journal}")
-        raise ServiceError(f"systemctl {arguments[0]}: {said}; look into it on the board with: {journal}")
+        logged = self._last_error(begun_s) if arguments[0] == "restart" else ""
+        if logged:
+            raise ServiceError(f"the service does not start: {logged}; for details, run on the board: {journal}")
+        raise ServiceError(f"systemctl {arguments[0]}: {error}; for details, run on the board: {journal}")
 
-    def _last_words(self, since_s: int) -> str:
+    def _last_error(self, since_s: int) -> str:
         """Return the last error that the agent logged in the journal. The journal receives it with a delay."""
         for _ in range(_JOURNAL_TRIES):
             time.sleep(_JOURNAL_PAUSE_S)
-            said = self._run(
+            journal = self._run(
                 "-u", NAME, "-n5", "-ocat", "-q", "--no-pager", f"--since=@{since_s}", program="journalctl"
             )
-            lines = [line for line in said.stdout.splitlines() if line.startswith("error: ")]
+            lines = [line for line in journal.stdout.splitlines() if line.startswith("error: ")]
             if lines:
                 return lines[-1].partition("error: ")[2]
         return ""
@@ -158,9 +158,9 @@ class Systemd:
             )
         except FileNotFoundError:
             raise ServiceError(
-                f"this board has no {program}; leave --service out and start the agent by what starts services there"
+                f"this board has no {program}; leave --service out and start the agent with its service manager"
             ) from None
         except subprocess.TimeoutExpired:
             raise ServiceError(
-                f"systemctl {arguments[0]} did not come back; look on the board: systemctl status {NAME}"
+                f"systemctl {arguments[0]} did not end; run on the board: systemctl status {NAME}"
             ) from None

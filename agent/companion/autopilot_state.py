@@ -1,4 +1,4 @@
-"""State of the autopilot from its messages: pose, mode, mission, and the path ahead."""
+"""State of the autopilot from its messages: pose, mode, downloaded mission, and the path ahead."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.companion.mission_copy import MissionCopy, MissionPosition
 from agent.companion.pose_history import PoseHistory, VehiclePose
 from agent.companion.rigid_motion import quaternion_from_euler
 from agent.mavlink.commands import command_long
-from agent.mavlink.exchange import Messages, text_of
+from agent.mavlink.exchange import Messages, Target, text_of
+from agent.mavlink.missions import MissionDownload
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.navigation.geodetic import LocalProjection
 from agent.wire import dialect as mav
@@ -28,6 +28,115 @@ _ASK_AGAIN_NS = 5_000_000_000
 _QUATERNION_NS = 1_000_000_000  # ATTITUDE is used after this time without a quaternion
 _DELAYS_KEPT = 200
 _RESTART_NS = 2_000_000_000  # a clock that jumped back this far indicates a restart of the autopilot
+
+_ROUND_NS = 10_000_000_000  # time before an abandoned mission download restarts
+_TRIES = 8
+_MOST_ITEMS = 2000
+
+WAYPOINT, LOITER_UNLIMITED, LOITER_TIME, RETURN_HOME = 16, 17, 19, 20
+SPLINE, LOITER_TO = 82, 31
+CHANGE_SPEED = 178
+_PLACES = (WAYPOINT, LOITER_UNLIMITED, LOITER_TIME, SPLINE, LOITER_TO)
+_STAYS = (LOITER_UNLIMITED, RETURN_HOME)
+
+
+class MissionCopyItem(NamedTuple):
+    """Mission item, reduced to the fields that define the path."""
+
+    command: int
+    lat_e7: int
+    lon_e7: int
+    speed_mps: float
+
+
+class MissionPosition(NamedTuple):
+    """A position of the mission."""
+
+    seq: int
+    """Mission item."""
+    lat_e7: int
+    """1e-7 degrees."""
+    lon_e7: int
+    """1e-7 degrees."""
+
+
+class MissionCopy:
+    """Copy of the mission. `items` is the last complete mission, None before the first.
+
+    `poll` and `handle` download it.
+    """
+
+    def __init__(self) -> None:
+        self.items: list[MissionCopyItem] | None = None
+        self._wanted = True
+        self._download: MissionDownload | None = None
+
+    def refresh(self) -> None:
+        """Download the mission again. The old one remains valid until the new one is complete."""
+        if not self._wanted:
+            self._wanted, self._download = True, None
+
+    def note_total(self, total: int) -> None:
+        """Compare with the item count of MISSION_CURRENT, without home. 0 and 65535 carry no information."""
+        if self.items is not None and 0 < total < 65535 and total not in (len(self.items), len(self.items) - 1):
+            self.refresh()
+
+    def poll(self, target: Target, now_ns: int) -> Messages:
+        """Return requests for the missing items. After some tries and a pause, the download restarts."""
+        if not self._wanted:
+            return []
+        download = self._download
+        if download is not None and download.tries >= _TRIES:
+            if 0 <= now_ns - (download.asked_ns or 0) < _ROUND_NS:
+                return []
+            download = None
+        if download is None:
+            download = self._download = MissionDownload(target, most=_MOST_ITEMS)
+        return download.poll(now_ns)
+
+    def handle(self, message: Any, now_ns: int) -> Messages:
+        """Handle MISSION_COUNT and MISSION_ITEM_INT. Return the replies and the next request."""
+        download = self._download
+        if download is None:
+            return []
+        replies = download.handle(message, now_ns)
+        if download.done:
+            self.items = [
+                MissionCopyItem(
+                    int(item.command), int(item.x), int(item.y),
+                    float(item.param2) if item.command == CHANGE_SPEED else 0.0,
+                )
+                for item in download.items
+            ]  # fmt: skip
+            self._wanted, self._download = False, None
+        return [*replies, *download.poll(now_ns)] if download.answered else []
+
+    def positions_from(self, seq: int) -> list[MissionPosition]:
+        """Return the positions from item `seq` on, up to a jump or a stop."""
+        positions: list[MissionPosition] = []
+        for number in range(max(seq, 1), len(self.items or ())):
+            item = (self.items or [])[number]
+            if item.command in _PLACES and (item.lat_e7 or item.lon_e7):
+                positions.append(MissionPosition(number, item.lat_e7, item.lon_e7))
+            elif item.command == RETURN_HOME and self.items:
+                positions.append(MissionPosition(number, self.items[0].lat_e7, self.items[0].lon_e7))
+            if item.command in _STAYS or item.command == mav.MAV_CMD_DO_JUMP:
+                break
+        return positions
+
+    def position_before(self, seq: int) -> MissionPosition | None:
+        """Return the last position before item `seq`, which is the start of its leg."""
+        for number in range(min(seq, len(self.items or ())) - 1, 0, -1):
+            item = (self.items or [])[number]
+            if item.command in _PLACES and (item.lat_e7 or item.lon_e7):
+                return MissionPosition(number, item.lat_e7, item.lon_e7)
+        return None
+
+    def speed_mps(self, seq: int) -> float | None:
+        """Speed that the mission sets on the leg to item `seq`, None if it sets none."""
+        asked = [item.speed_mps for item in (self.items or [])[1 : seq + 1] if item.command == CHANGE_SPEED]
+        good = [speed for speed in asked if math.isfinite(speed) and 0.0 < speed < 30.0]
+        return good[-1] if good else None
 
 
 class PathAhead(NamedTuple):
@@ -60,7 +169,7 @@ class AutopilotState:
         self._quaternion_ns: int | None = None
         self._asked_ns: int | None = None
         self._origin: LocalProjection | None = None
-        self._origin_told = False
+        self._origin_received = False
         self._leg_start: tuple[float, float] | None = None
         self._leg_seq = 0
 
@@ -72,11 +181,18 @@ class AutopilotState:
 
     def handle(self, message: Any, now_ns: int) -> Messages:
         """Handle a message. Return the next request of the mission download."""
-        kind = message.get_msgId()
+        kind, source = message.get_msgId(), (message.get_srcSystem(), message.get_srcComponent())
         if kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
-            self._on_heartbeat(message)
+            if (
+                message.type not in (mav.MAV_TYPE_GCS, mav.MAV_TYPE_ONBOARD_CONTROLLER)
+                and message.autopilot != mav.MAV_AUTOPILOT_INVALID
+            ):
+                self.target = self.target or source
+                if source == self.target:
+                    armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+                    self.set_mode(int(message.custom_mode), armed)
             return []
-        if self.target is None or (message.get_srcSystem(), message.get_srcComponent()) != self.target:
+        if source != self.target:
             return []
         if kind == mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION:
             stamp_ns = self._quaternion_ns = self._stamp_ns(message, now_ns)
@@ -92,28 +208,18 @@ class AutopilotState:
         elif kind == mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
             self._on_global(message, now_ns)
         elif kind == mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
-            self._on_origin(message)
+            if abs(message.latitude) <= 900_000_000:
+                self._origin = LocalProjection(message.latitude * 1e-7, message.longitude * 1e-7, 0.0)
+                self._origin_received = True
         elif kind == mav.MAVLINK_MSG_ID_MISSION_CURRENT:
-            self._on_current(message)
+            self.mission.note_total(int(getattr(message, "total", 0)))
+            self.current = int(message.seq)
         elif kind == mav.MAVLINK_MSG_ID_PARAM_VALUE:
             if text_of(message.param_id) == "WP_SPEED" and 0.0 < message.param_value < 30.0:
                 self.wp_speed_mps = float(message.param_value)
         else:
             return self.mission.handle(message, now_ns)
         return []
-
-    def _on_heartbeat(self, message: Any) -> None:
-        if message.type in (mav.MAV_TYPE_GCS, mav.MAV_TYPE_ONBOARD_CONTROLLER):
-            return
-        if message.autopilot == mav.MAV_AUTOPILOT_INVALID:
-            return
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        if self.target is None:
-            self.target = source
-        if source != self.target:
-            return
-        armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.set_mode(int(message.custom_mode), armed)
 
     def set_mode(self, mode: int, armed: bool | None = None) -> None:
         """Set the autopilot's mode, from a heartbeat or an acknowledgement."""
@@ -129,11 +235,6 @@ class AutopilotState:
         newest_ns = self.history.newest_ns
         pose = None if newest_ns is None else self.history.pose_at(newest_ns)
         return None if pose is None else (float(pose.pos_ned_m[0]), float(pose.pos_ned_m[1]))
-
-    def _on_current(self, message: Any) -> None:
-        self.mission.note_total(int(getattr(message, "total", 0)))
-        if message.seq != self.current:
-            self.current = int(message.seq)
 
     def _turned(self, stamp_ns: int, quat: Any, message: Any) -> None:
         rates = np.array((message.rollspeed, message.pitchspeed, message.yawspeed), dtype=float)
@@ -151,17 +252,12 @@ class AutopilotState:
 
     # -- origin of the local frame
 
-    def _on_origin(self, message: Any) -> None:
-        if abs(message.latitude) <= 900_000_000:
-            self._origin = LocalProjection(message.latitude * 1e-7, message.longitude * 1e-7, 0.0)
-            self._origin_told = True
-
     def _on_global(self, message: Any, now_ns: int) -> None:
         """Derive the origin from a position that is known both geodetically and locally, if GPS_GLOBAL_ORIGIN is
         missing.
         """
         pose = self.history.pose_at(self._stamp_ns(message, now_ns))
-        if self._origin_told or pose is None or (message.lat == 0 and message.lon == 0):
+        if self._origin_received or pose is None or (message.lat == 0 and message.lon == 0):
             return
         here = LocalProjection(message.lat * 1e-7, message.lon * 1e-7, 0.0)
         self._origin = LocalProjection(*here.to_geodetic(-float(pose.pos_ned_m[0]), -float(pose.pos_ned_m[1])), 0.0)
@@ -199,7 +295,10 @@ class AutopilotState:
         if self.target is None:
             return []
         messages = self.mission.poll(self.target, now_ns)
-        if self._asked_ns is None or (self._is_incomplete(now_ns) and now_ns - self._asked_ns > _ASK_AGAIN_NS):
+        newest_ns = self.history.newest_ns
+        no_pose = newest_ns is None or now_ns - newest_ns > 500_000_000
+        incomplete = no_pose or self._origin is None or self.wp_speed_mps is None
+        if self._asked_ns is None or (incomplete and now_ns - self._asked_ns > _ASK_AGAIN_NS):
             self._asked_ns = now_ns
             messages.extend(
                 command_long(self.target, mav.MAV_CMD_SET_MESSAGE_INTERVAL, float(number), 1e6 / rate_hz)
@@ -207,12 +306,6 @@ class AutopilotState:
             )
             messages.append(mav.MAVLink_param_request_read_message(*self.target, b"WP_SPEED", -1))
         return messages
-
-    def _is_incomplete(self, now_ns: int) -> bool:
-        newest_ns = self.history.newest_ns
-        return (
-            newest_ns is None or now_ns - newest_ns > 500_000_000 or self._origin is None or self.wp_speed_mps is None
-        )
 
 
 def heading_rad(pose: VehiclePose) -> float:

@@ -80,7 +80,9 @@ def simulate_courses(
     leg = np.zeros(number, dtype=np.int64)
     out = np.empty((number, steps, 2))
     off_sum, lee_sum = np.zeros(number), np.zeros(number)
-    set_ne = np.zeros(2) if current_ne_mps is None else _set_of(current_ne_mps)
+    set_ne = np.zeros(2)  # direction of the current, of length 1 for a strong current and less for a weak one
+    if current_ne_mps is not None:
+        set_ne = current_ne_mps / max(math.hypot(*current_ne_mps.tolist()), TUNED.course_current_mps)
     to_right = legs.along[:, 0] * set_ne[1] - legs.along[:, 1] * set_ne[0]  # component of the set across each leg
     for step in range(steps):
         along_m, cross_m = legs.offsets_m(leg, pos)
@@ -104,13 +106,6 @@ def simulate_courses(
     along_m, _ = legs.offsets_m(leg, pos)
     progress_m = legs.before_m[leg] + np.minimum(along_m, legs.length_m[leg])
     return SimulatedCourses(out, progress_m, off_sum / max(steps, 1), lee_sum / max(steps, 1))
-
-
-def _set_of(current_ne_mps: Array) -> Array:
-    """Direction of the current (2,). Its length is 1 for a strong current and less for a weak one."""
-    speed_mps = math.hypot(*current_ne_mps.tolist())
-    set_ne: Array = current_ne_mps / max(speed_mps, TUNED.course_current_mps)
-    return set_ne
 
 
 def crab_heading_rad(course_rad: float, speed_mps: float, current_ne_mps: Array) -> float:
@@ -139,7 +134,7 @@ _RETREATS_M = np.array(TUNED.plan_retreats_m)
 class AvoidanceChoice(NamedTuple):
     """Chosen course."""
 
-    what: int
+    kind: int
     """FREE: follow the legs. AROUND: hold a course and speed over ground. STAY: stop."""
     course_rad: float
     speed_mps: float
@@ -269,6 +264,7 @@ class AvoidancePlanner:
         Obstacles are passed upstream if possible, because the current sets both them and the vessel downstream.
         stays: whether the vessel is stopped because no course is free.
         """
+        # Candidates: the legs at each speed, then all courses, holding times and speeds.
         direction = math.atan2(legs.along[0, 1], legs.along[0, 0])
         courses, holds, speeds = (
             grid.ravel()
@@ -293,6 +289,7 @@ class AvoidancePlanner:
         lee_m = standing.min(axis=1) - self._hull_m if math.hypot(*current_ne_mps.tolist()) > 0.2 else None
         cost = self._cost(sailed, least, lee_m, courses, holds, last_rad)
         best = int(np.argmin(cost))
+        # Stay if the best course makes too little way, or collides earlier than the stopped vessel.
         stay_m = self._staying(pos_ne_m, vel_ne_mps, around)
         along_m = float(legs.offsets_m(np.zeros(1, dtype=np.int64), pos_ne_m[None])[0][0])
         worth_m = (TUNED.plan_leaving_worth if stays else TUNED.plan_worth) * speed_mps * ahead_s
@@ -302,8 +299,9 @@ class AvoidancePlanner:
             return AvoidanceChoice(STAY, bow_rad, 0.0, stay_m)
         if least[best] < TUNED.plan_touch_m:
             best = int(np.argmax(least))
-        what = FREE if best < 2 else AROUND
-        return AvoidanceChoice(what, float(courses[best]), float(speeds[best]), float(least[best]))
+        return AvoidanceChoice(
+            FREE if best < 2 else AROUND, float(courses[best]), float(speeds[best]), float(least[best])
+        )
 
     def _cost(
         self,

@@ -125,10 +125,10 @@ class CloudReassembler:
 
     def handle(self, message: Message) -> list[PointCloud]:
         """Handle an XITL_CLOUD. Return the clouds that it completes or ends, oldest first; usually none."""
-        fault = _fault(message)
-        if fault is not None:
+        valid = message.kind in _KINDS and message.chunk < message.chunks and message.count <= POINTS_A_CHUNK
+        if not valid or not all(abs(value) < 1e6 for value in message.origin):
             self.chunks_refused += 1
-            self.points_refused += fault
+            self.points_refused += min(int(message.count), POINTS_A_CHUNK)
             return []
         done: list[PointCloud] = []
         coming = self._coming.get(message.kind)
@@ -200,11 +200,3 @@ class _Coming:
         time_us, number = self.of
         lost = self.chunks - len(self.parts)
         return PointCloud(self.kind, number, time_us * 1000, points_m, offset_s, packed["intensity"].copy(), lost)
-
-
-def _fault(message: Message) -> int | None:
-    """Return None for a valid chunk, otherwise the number of its points."""
-    possible = message.kind in _KINDS and message.chunk < message.chunks and message.count <= POINTS_A_CHUNK
-    if possible and all(abs(value) < 1e6 for value in message.origin):
-        return None
-    return min(int(message.count), POINTS_A_CHUNK)

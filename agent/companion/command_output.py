@@ -110,13 +110,15 @@ class CommandOutput:
             legs, pos, vel, bow, speed, around, self._course_rad, stays, current_ne_mps
         )
         course_rad, off_m = leg_course_rad(legs, pos)
-        self._free = self._free + 1 if choice.what == FREE and ahead.clearance_m >= self._begin_m + TUNED.freer_m else 0
+        self._free = self._free + 1 if choice.kind == FREE and ahead.clearance_m >= self._begin_m + TUNED.freer_m else 0
         made_good = math.atan2(vel[1], vel[0]) if math.hypot(*vel.tolist()) > 0.7 else bow
         turned = abs(math.remainder(made_good - course_rad, math.tau))
-        back = (abs(off_m) < TUNED.back_m and turned < math.radians(TUNED.back_deg)) or _is_past(legs, pos)
+        along_m, _ = legs.offsets_m(np.zeros(1, dtype=np.int64), pos[None])
+        near_end = float(legs.length_m[0] - along_m[0]) < TUNED.end_m  # returning to the leg is pointless
+        back = near_end or (abs(off_m) < TUNED.back_m and turned < math.radians(TUNED.back_deg))
         if self._free >= TUNED.free_plans and back:
             return self._ask(vehicle.target, AUTO, now_ns)
-        if choice.what == STAY:
+        if choice.kind == STAY:
             return [self._stay(vehicle.target, pos, vel, around, current_ne_mps)]
         return [self._go(vehicle.target, choice, course_rad, current_ne_mps)]
 
@@ -150,7 +152,7 @@ class CommandOutput:
     def _go(self, target: tuple[int, int], choice: AvoidanceChoice, leg_rad: float, current_ne_mps: Array) -> Any:
         """Command a velocity and its heading, because not all autopilots compensate for the current."""
         self._stay_ne_m = None
-        free = choice.what == FREE
+        free = choice.kind == FREE
         course_rad = leg_rad if free else choice.course_rad
         self._course_rad = None if free else course_rad
         self._enter(RETURN if free else DETOUR)
@@ -168,12 +170,6 @@ class CommandOutput:
         if manoeuvre == STOP and self.manoeuvre != STOP:
             self.stops += 1
         self.manoeuvre = manoeuvre
-
-
-def _is_past(legs: PathLegs, pos: Array) -> bool:
-    """Whether the end of the first leg is near, so that returning to the leg is pointless."""
-    along_m, _ = legs.offsets_m(np.zeros(1, dtype=np.int64), pos[None])
-    return float(legs.length_m[0] - along_m[0]) < TUNED.end_m
 
 
 def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> PathLegs:

@@ -81,23 +81,24 @@ class ObstacleDetector:
             self.unplaced += 1
             return False
         ned_m, height_m = placed
-        height_m -= _water_height_m(range_m, height_m)
+
+        # The level expected from the vessel's height drifts by more than the waves: use that of the nearby water.
+        low = (range_m < TUNED.water_fit_range_m) & (np.abs(height_m) < TUNED.reach_low_m)
+        if np.count_nonzero(low) >= TUNED.water_points:
+            height_m -= float(np.median(height_m[low]))
         self._learn(points, range_m, height_m)
+        # Points that are brighter than water, which has the median intensity of the low points.
         wet = range_m < self.water_reach_m
-        bright = self._brighter(intensity, range_m, wet & (np.abs(height_m) < TUNED.reach_low_m))
+        low = wet & (np.abs(height_m) < TUNED.reach_low_m)
+        bright = np.zeros(len(range_m), dtype=np.bool_)
+        if np.count_nonzero(low) >= TUNED.bright_points:
+            bright = intensity.astype(np.float64) >= float(np.median(intensity[low])) + TUNED.bright_step
+            bright &= range_m > TUNED.bright_nearest_m
+        # Keep the points that are no water.
         stands = np.where(wet, (height_m > self.stands_out_m) | bright, height_m > TUNED.detect_lowest_m)
         stands &= height_m < TUNED.detect_highest_m
         self._keep(stamp_ns, ned_m[stands], height_m[stands], bright[stands])
         return True
-
-    def _brighter(self, intensity: NDArray[np.uint8], range_m: Array, low: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(n,) points that are brighter than water. The water level is the median of the low points at short range."""
-        if np.count_nonzero(low) < TUNED.bright_points:
-            return np.zeros(len(range_m), dtype=np.bool_)
-        water = float(np.median(intensity[low]))
-        brighter: NDArray[np.bool_] = intensity.astype(np.float64) >= water + TUNED.bright_step
-        brighter &= range_m > TUNED.bright_nearest_m
-        return brighter
 
     def _placed(
         self, history: PoseHistory, stamp_ns: int, points: Array, offset_s: Array
@@ -177,17 +178,6 @@ class ObstacleDetector:
             self.frames.popleft()
 
 
-def _water_height_m(range_m: Array, height_m: Array) -> float:
-    """Height of the nearby water above the level expected from the vessel's height.
-
-    That estimate drifts by more than the wave height.
-
-    0 when too little of it is visible.
-    """
-    low = (range_m < TUNED.water_fit_range_m) & (np.abs(height_m) < TUNED.reach_low_m)
-    return float(np.median(height_m[low])) if np.count_nonzero(low) >= TUNED.water_points else 0.0
-
-
 def cells_of(points_m: Array, cell_m: float = TUNED.cell_m) -> NDArray[np.int64]:
     """Cell number of each point (n, 2 or more: north and east first)."""
     north, east = (np.floor(points_m[:, axis] / cell_m).astype(np.int64) for axis in (0, 1))
@@ -245,7 +235,7 @@ def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m:
     label = _labels(cells_of(points, TUNED.cluster_join_m))
     order = np.argsort(label, kind="stable")
     bounds = np.flatnonzero(np.diff(label[order])) + 1
-    found: list[Cluster] = []
+    clusters: list[Cluster] = []
     for members in np.split(order, bounds):
         total = int(count[members].sum())
         if total < TUNED.cluster_points or len(np.unique(number[members])) < min(TUNED.cluster_frames, len(frames)):
@@ -258,7 +248,7 @@ def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m:
         _, one_each = np.unique(cells[members], return_index=True)
         outline = points[members][one_each]
         latest = int(count[members][number[members] == newest].sum())
-        found.append(
+        clusters.append(
             Cluster(
                 stamp_ns,
                 outline,
@@ -271,7 +261,7 @@ def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m:
                 int(bright[members].sum()),
             )
         )
-    return found
+    return clusters
 
 
 def merged_cluster(parts: Sequence[Cluster]) -> Cluster:

@@ -59,6 +59,7 @@ class CloudMap:
         """Add points (n, 3) in body axes at a pose (4, 4). Return the new points of the map."""
         with np.errstate(invalid="ignore", over="ignore"):
             near = np.einsum("ij,ij->i", points_frd_m, points_frd_m) <= self._far_m**2
+        # Find the cell of each point.
         points, intensity = transform_points(pose_odom, points_frd_m[near]), intensity[near]
         cell = np.floor(points / np.float32(self._cell_m))
         inside = (np.abs(cell) < _HALF).all(axis=1)
@@ -66,19 +67,13 @@ class CloudMap:
         self.refused += len(inside) - int(np.count_nonzero(inside))
         points, intensity, whole = points[inside], intensity[inside], cell[inside].astype(np.int64) + _HALF
         keys = ((source << _BITS | whole[:, 0]) << _BITS | whole[:, 1]) << _BITS | whole[:, 2]
+        # Of each cell, take the first point. The cell counts from its first or second cloud on.
         unique, first = np.unique(keys, return_index=True)
-        added = self._sighted(unique.tolist(), points[first], intensity[first], HITS_NEEDED[source])
-        if len(added.intensity):
-            self._parts.append((*added, source))
-        return added
-
-    def _sighted(self, keys: list[int], points: Points, intensity: Intensity, needed: int) -> MapPoints:
-        """Return the cells of one cloud that count from now on, each with one point, the first in its cell."""
         rows, places = [], []
-        for row, (key, place) in enumerate(zip(keys, points.tolist())):
+        for key, row, place in zip(unique.tolist(), first.tolist(), points[first].tolist()):
             if key in self._cells:
                 continue
-            if needed > 1:
+            if HITS_NEEDED[source] > 1:
                 before = self._once.pop(key, None)
                 if before is None:
                     self._once[key] = tuple(place)
@@ -87,11 +82,15 @@ class CloudMap:
             self._cells.add(key)
             rows.append(row)
             places.append(place)
-        return MapPoints(np.array(places, dtype=np.float32).reshape(-1, 3), intensity[rows])
+        added = MapPoints(np.array(places, dtype=np.float32).reshape(-1, 3), intensity[rows])
+        if rows:
+            self._parts.append((*added, source))
+        return added
 
     def points_by(self, source: int = LIDAR) -> MapPoints:
         """Return all points of one source, in the order of arrival."""
         parts = [(points, intensity) for points, intensity, by in self._parts if by == source]
         if not parts:
             return MapPoints(np.empty((0, 3), dtype=np.float32), np.empty(0, dtype=np.uint8))
-        return MapPoints(np.concatenate([points for points, _ in parts]), np.concatenate([each for _, each in parts]))
+        points, intensity = zip(*parts)
+        return MapPoints(np.concatenate(points), np.concatenate(intensity))

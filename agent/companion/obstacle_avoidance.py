@@ -56,10 +56,10 @@ def make_proximity_messages(
     view = np.arange(SECTORS)
     ahead = np.minimum(view, SECTORS - view) <= _VIEW_SECTORS
     empty = np.where(ahead, most_cm + 1, _UNKNOWN)
-    found = nearest_cm <= most_cm
-    distances = np.where(found, np.maximum(np.where(found, nearest_cm, 0.0), _LEAST_CM), empty).astype(np.int64)
+    occupied = nearest_cm <= most_cm
+    distances = np.where(occupied, np.maximum(np.where(occupied, nearest_cm, 0.0), _LEAST_CM), empty).astype(np.int64)
     time_usec = max(stamp_ns // 1000, 0)
-    forward_m = distance_m[found[sector] & ahead[sector]]
+    forward_m = distance_m[occupied[sector] & ahead[sector]]
     forward_cm = most_cm + 1 if not len(forward_m) else min(max(round((forward_m.min() - bow_m) * 100.0), 1), most_cm)
     view_rad = math.radians(SECTOR_DEG * (2 * _VIEW_SECTORS + 1))
     return [
@@ -130,18 +130,17 @@ class ObstacleAvoidance:
         offset_s: NDArray[np.float32],
         intensity: NDArray[np.uint8],
     ) -> None:
-        """Add points (n, 3) in body FRD. Each was taken `offset_s` (n,) after `stamp_ns`. intensity: (n,)."""
-        self._waiting.append((stamp_ns, points_frd_m, offset_s, intensity))
-        self._process(final=False)
+        """Add points (n, 3) in body FRD. Each was taken `offset_s` (n,) after `stamp_ns`. intensity: (n,).
 
-    def _process(self, final: bool) -> None:
-        """Detect in clouds with a known pose. The others wait for the autopilot's next messages."""
+        Detect in clouds with a known pose. The others wait for the autopilot's next messages.
+        """
+        self._waiting.append((stamp_ns, points_frd_m, offset_s, intensity))
         while self._waiting:
             stamp_ns, points, offset_s, intensity = self._waiting[0]
             newest_ns = self.vehicle.history.newest_ns
             last_s = float(np.nanmax(offset_s)) if len(offset_s) else 0.0
             known = newest_ns is not None and newest_ns >= stamp_ns + round(last_s * 1e9)
-            if not known and not final and len(self._waiting) <= TUNED.look_waiting_clouds:
+            if not known and len(self._waiting) <= TUNED.look_waiting_clouds:
                 return
             self._waiting.pop(0)
             if self.detector.add_cloud(self.vehicle.history, stamp_ns, points, offset_s, intensity):
@@ -158,11 +157,9 @@ class ObstacleAvoidance:
             return
         self._looked_ns = stamp_ns
         reach_m = self.detector.water_reach_m
-        clusters = find_clusters(self.detector.frames, pose.pos_ned_m[:2], TUNED.doubtful_share * reach_m)
-        self._clusters = clusters
-        drift = self._current.current_ne_mps
-        view_rad = bow_rad + self._view_yaw_rad
-        self.tracker.update(stamp_ns, clusters, pose.pos_ned_m[:2], view_rad, self.detector.water_reach_m, drift)
+        pos, view_rad, drift = pose.pos_ned_m[:2], bow_rad + self._view_yaw_rad, self._current.current_ne_mps
+        self._clusters = find_clusters(self.detector.frames, pos, TUNED.doubtful_share * reach_m)
+        self.tracker.update(stamp_ns, self._clusters, pos, view_rad, reach_m, drift)
 
     def plan(self, now_ns: int) -> Messages:
         """Return messages to the autopilot: mode changes, targets, requests. No targets while the path is free."""
@@ -196,29 +193,30 @@ class ObstacleAvoidance:
         pose = self.vehicle.pose_at(now_ns)
         if pose is None:
             return []
-        return [self._obstacle(track, pose, now_ns) for track in self.tracker.confirmed]
-
-    def _obstacle(self, track: ObstacleTrack, pose: VehiclePose, now_ns: int) -> Any:
-        north, east = track.position_at(now_ns).tolist()
-        vn, ve = track.state[2:].tolist()
         bow = pose.pos_ned_m[:2] + self._bow_m * pose.rot_ned_frd[:2, 0]
-        off = _outline(track, now_ns) - bow
-        nearest = off[int(np.argmin(np.hypot(off[:, 0], off[:, 1])))]
-        range_m = float(np.hypot(*nearest))
-        closing_mps = -float(nearest @ (track.state[2:] - pose.vel_ned_mps[:2])) / max(range_m, 0.1)
-        down_m = float(pose.pos_ned_m[2]) + self.detector.waterline_m - 0.5 * track.height_m
-        return mav.MAVLink_xitl_obstacle_message(
-            max(track.seen_ns // 1000, 0),
-            (north, east, down_m),
-            (vn, ve, 0.0),
-            (track.length_m, track.width_m, track.height_m),
-            track.heading_rad,
-            range_m,
-            closing_mps,
-            track.number,
-            min(track.points, 65535),
-            min(track.hits, 65535),
-        )
+        messages: Messages = []
+        for track in self.tracker.confirmed:
+            # Range and closing speed are those of its point that is nearest to the bow.
+            off = _outline(track, now_ns) - bow
+            nearest = off[int(np.argmin(np.hypot(off[:, 0], off[:, 1])))]
+            range_m = float(np.hypot(*nearest))
+            closing_mps = -float(nearest @ (track.state[2:] - pose.vel_ned_mps[:2])) / max(range_m, 0.1)
+            down_m = float(pose.pos_ned_m[2]) + self.detector.waterline_m - 0.5 * track.height_m
+            messages.append(
+                mav.MAVLink_xitl_obstacle_message(
+                    max(track.seen_ns // 1000, 0),
+                    (*track.position_at(now_ns).tolist(), down_m),
+                    (*track.state[2:].tolist(), 0.0),
+                    (track.length_m, track.width_m, track.height_m),
+                    track.heading_rad,
+                    range_m,
+                    closing_mps,
+                    track.number,
+                    min(track.points, 65535),
+                    min(track.hits, 65535),
+                )
+            )
+        return messages
 
 
 def _outline(track: ObstacleTrack, now_ns: int) -> NDArray[np.float64]:

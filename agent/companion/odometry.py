@@ -120,7 +120,12 @@ class LidarOdometry:
         Return None if it does not fit.
         """
         # Keep the valid points, with their time before the end of the cloud
-        kept = self._good_points(points_frd_m, offset_s)
+        with np.errstate(invalid="ignore", over="ignore"):
+            squared = np.einsum("ij,ij->i", points_frd_m, points_frd_m)
+            sound = np.isfinite(squared) & (offset_s >= 0.0) & (offset_s <= LONGEST_CLOUD_S)
+            least_m, most_m = self._range_m
+            kept: NDArray[np.bool_] = sound & (squared >= least_m**2) & (squared <= most_m**2)
+        self.points_refused += len(sound) - int(np.count_nonzero(sound))
         points, offset = points_frd_m[kept], offset_s[kept]
         last_s = float(offset.max(initial=0.0))
         end_ns, lag_s = stamp_ns + round(last_s * 1e9), offset - np.float32(last_s)
@@ -143,7 +148,11 @@ class LidarOdometry:
 
         # Predict the state at the end of the cloud
         dt_s = 0.0 if self._end_ns is None else (end_ns - self._end_ns) * 1e-9
-        predicted = self._filter_for(motion).predict(self._state, dt_s, motion)
+        chosen: OdometryFilter = self._lidar_only if motion is None else self._aided
+        if chosen is not self._filter:
+            self._filter = chosen
+            chosen.resume()
+        predicted = self._filter.predict(self._state, dt_s, motion)
         if too_few:
             self._refuse(end_ns, predicted, motion)
             return None
@@ -164,7 +173,9 @@ class LidarOdometry:
 
         # Hold the state to the water level, and update the local map
         self._end_ns, self._state = end_ns, self._filter.hold_level(corrected, motion)
-        self._local_map.update(self._map_points(solid, water), self._state.pose_odom)
+        cell_m, water_cell_m = TUNED.map_voxel_share * self._voxel_m, TUNED.map_water_voxel_share * self._voxel_m
+        thinned = np.concatenate([self._down_sample(solid, cell_m), self._down_sample(water, water_cell_m)])
+        self._local_map.update(thinned, self._state.pose_odom)
         self._refused_in_a_row = 0
         self.poses += 1
 
@@ -180,22 +191,6 @@ class LidarOdometry:
         pose: Array = self._state.pose_odom @ exponential(self._state.twist_frd * ((stamp_ns - self._end_ns) * 1e-9))
         return pose
 
-    def _filter_for(self, motion: AutopilotMotion | None) -> OdometryFilter:
-        chosen: OdometryFilter = self._lidar_only if motion is None else self._aided
-        if chosen is not self._filter:
-            self._filter = chosen
-            chosen.resume()
-        return chosen
-
-    def _good_points(self, points_frd_m: Points, offset_s: Points) -> NDArray[np.bool_]:
-        with np.errstate(invalid="ignore", over="ignore"):
-            squared = np.einsum("ij,ij->i", points_frd_m, points_frd_m)
-            sound = np.isfinite(squared) & (offset_s >= 0.0) & (offset_s <= LONGEST_CLOUD_S)
-            least_m, most_m = self._range_m
-            kept: NDArray[np.bool_] = sound & (squared >= least_m**2) & (squared <= most_m**2)
-        self.points_refused += len(sound) - int(np.count_nonzero(sound))
-        return kept
-
     def _align(self, thinned: Array, water: Array, guess: Array) -> Array:
         """Align a cloud with the local map by ICP from a guess (4, 4). Return its pose (4, 4)."""
         thinned_water = self._down_sample(water, TUNED.icp_water_voxel_share * self._voxel_m)
@@ -207,11 +202,6 @@ class LidarOdometry:
             kernel=TUNED.icp_threshold_m,
         )
         return pose
-
-    def _map_points(self, solid: Array, water: Array) -> Array:
-        """Return the points of a cloud that enter the local map."""
-        cell_m, water_cell_m = TUNED.map_voxel_share * self._voxel_m, TUNED.map_water_voxel_share * self._voxel_m
-        return np.concatenate([self._down_sample(solid, cell_m), self._down_sample(water, water_cell_m)])
 
     def _refuse(self, end_ns: int, predicted: OdometryFilterState, motion: AutopilotMotion | None) -> None:
         """Refuse a cloud that does not determine the pose. The autopilot's motion propagates the state."""

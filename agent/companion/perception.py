@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any, Callable, NamedTuple
+from typing import Any, Callable
 
 import numpy as np
 
 from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
 from agent.companion.mapping import LIDAR, SONAR, CloudMap, MapPoints
 from agent.companion.obstacle_avoidance import ObstacleAvoidance
-from agent.companion.odometry import LidarOdometry, OdometryError, RegisteredCloud, no_motion
+from agent.companion.odometry import LidarOdometry, OdometryError, no_motion
 from agent.companion.odometry_filters import AutopilotMotionSource
 from agent.companion.pose_history import AHEAD_NS
 from agent.companion.rigid_motion import quaternion_of
@@ -63,12 +63,6 @@ _UNKNOWN = [float("nan")] + [0.0] * 20
 _LIDAR_ESTIMATOR = 6  # MAV_ESTIMATOR_TYPE
 
 
-class _Tally(NamedTuple):
-    clouds_dropped: int
-    pings: int
-    latency_s: float
-
-
 class Perception:
     """Odometry, map and obstacle avoidance of one run. `say(text)` reports to the user.
 
@@ -89,7 +83,8 @@ class Perception:
         self._say = say
         self._reported_unaided = False
         self._echoes: deque[SonarPing] = deque()
-        self._tally = _Tally(0, 0, 0.0)
+        self._clouds_dropped = self._pings_mapped = 0
+        self._latency_s = 0.0
         self._numbers = {LIDAR: 0, SONAR: 0}
         self._odometry: LidarOdometry | None = None
         self._map: CloudMap | None = None
@@ -112,21 +107,19 @@ class Perception:
         """Store a chunk of a cloud or a ping. Return False for any other message."""
         if isinstance(message, mav.MAVLink_xitl_cloud_message):
             for cloud in self._clouds.handle(message):
-                if cloud.kind == mav.XITL_CLOUD_KIND_LIDAR:
-                    self._queue(cloud, now_ns)
+                if cloud.kind != mav.XITL_CLOUD_KIND_LIDAR:
+                    continue
+                if len(cloud.offset_s):
+                    self._clock.note_arrival(cloud.end_ns, now_ns)
+                if len(self._waiting) == MOST_WAITING:
+                    self._waiting.popleft()
+                    self._clouds_dropped += 1
+                self._waiting.append(cloud)
             return True
         if isinstance(message, mav.MAVLink_xitl_ping_message):
             self._echoes.extend(self._pings.handle(message))
             return True
         return False
-
-    def _queue(self, cloud: PointCloud, now_ns: int) -> None:
-        if len(cloud.offset_s):
-            self._clock.note_arrival(cloud.end_ns, now_ns)
-        if len(self._waiting) == MOST_WAITING:
-            self._waiting.popleft()
-            self._tally = self._tally._replace(clouds_dropped=self._tally.clouds_dropped + 1)
-        self._waiting.append(cloud)
 
     def process(self, now_ns: Callable[[], int]) -> Messages:
         """Process the waiting clouds and pings. Return messages to the host."""
@@ -141,24 +134,24 @@ class Perception:
             cloud = self._seen.popleft()
             messages += self._register(cloud)
             if len(cloud.offset_s):
-                latency_s = max(now_ns() - self._clock.own_ns(cloud.end_ns), 0) * 1e-9
-                self._tally = self._tally._replace(latency_s=latency_s)
-        while self._echoes and (len(self._echoes) > MOST_PINGS or not self._is_awaited(self._echoes[0].stamp_ns)):
+                self._latency_s = max(now_ns() - self._clock.own_ns(cloud.end_ns), 0) * 1e-9
+        while self._echoes:
+            # A waiting cloud that began before the ping will provide its pose.
+            awaited = bool(self._seen) and self._seen[0].stamp_ns <= self._echoes[0].stamp_ns
+            if awaited and len(self._echoes) <= MOST_PINGS:
+                break
             messages += self._map_ping(self._echoes.popleft())
         return messages
 
     def _is_due(self, cloud: PointCloud, now_ns: int) -> bool:
-        told_ns = self.avoidance.vehicle.history.newest_ns
-        if self._odometry is None or not self._aided or told_ns is None:
+        """Whether the autopilot's motion covers the cloud, or waiting for it is hopeless."""
+        newest_ns = self.avoidance.vehicle.history.newest_ns
+        if self._odometry is None or not self._aided or newest_ns is None:
             return True
         end_ns = self._clock.own_ns(cloud.end_ns)
-        late_ns = end_ns - told_ns
+        late_ns = end_ns - newest_ns
         hopeless = late_ns > AHEAD_NS or now_ns - end_ns > PATIENCE_NS or len(self._seen) > MOST_WAITING
         return late_ns <= 0 or hopeless
-
-    def _is_awaited(self, stamp_ns: int) -> bool:
-        """Whether a waiting cloud will provide the pose at this instant."""
-        return bool(self._seen) and self._seen[0].stamp_ns <= stamp_ns
 
     def _register(self, cloud: PointCloud) -> Messages:
         if self._odometry is None:
@@ -166,17 +159,23 @@ class Perception:
         placed = self._odometry.register(cloud.stamp_ns, cloud.points_m, cloud.offset_s)
         if self._aided and self._odometry.unaided == UNAIDED_CLOUDS and not self._reported_unaided:
             self._reported_unaided = True
-            self._say("odometry by clouds alone: the autopilot messages no attitude and velocity for 30 s of them")
+            self._say("the odometry uses clouds alone: the autopilot sent no attitude and velocity for 30 s of clouds")
         if placed is None:
             return []
-        messages = [_odometry_message(placed)]
+        messages: Messages = [
+            mav.MAVLink_odometry_message(  # at the cloud's last point, on the sensors' clock, of unknown quality
+                placed.stamp_ns // 1000, _LOCAL_FRD, _BODY_FRD, *placed.pose_odom[:3, 3].tolist(),
+                quaternion_of(placed.pose_odom[:3, :3]), *placed.vel_frd_mps.tolist(), 0.0, 0.0, 0.0,
+                _UNKNOWN, _UNKNOWN, 0, _LIDAR_ESTIMATOR, 0,
+            )
+        ]  # fmt: skip
         if self._map is not None:
             added = self._map.add(placed.pose_odom, placed.points_frd_m, cloud.intensity[placed.kept])
             messages += self._map_messages(placed.stamp_ns, added, LIDAR)
         return messages
 
     def _map_ping(self, ping: SonarPing) -> Messages:
-        self._tally = self._tally._replace(pings=self._tally.pings + 1)
+        self._pings_mapped += 1
         if self._odometry is None or self._map is None:
             return []
         pose = self._odometry.pose_at(ping.stamp_ns)
@@ -197,22 +196,13 @@ class Perception:
 
     def status(self, now_ns: int) -> Any:
         """Return XITL_COMPANION_STATUS."""
-        clouds, odometry, avoidance, tally = self._clouds, self._odometry, self.avoidance, self._tally
+        clouds, odometry, avoidance = self._clouds, self._odometry, self.avoidance
         poses, refused, points = (0, 0, 0) if odometry is None else (
             odometry.poses, odometry.poses_refused, odometry.points_refused
         )  # fmt: skip
         return mav.MAVLink_xitl_companion_status_message(
             now_ns // 1000, clouds.clouds, clouds.clouds_partial, clouds.chunks_lost + self._pings.chunks_lost,
-            tally.clouds_dropped, clouds.points, clouds.points_refused + points, tally.pings, poses, refused,
+            self._clouds_dropped, clouds.points, clouds.points_refused + points, self._pings_mapped, poses, refused,
             0 if self._map is None else len(self._map), avoidance.tracker.total, avoidance.commands.detours,
-            avoidance.commands.stops, tally.latency_s, avoidance.commands.manoeuvre,
+            avoidance.commands.stops, self._latency_s, avoidance.commands.manoeuvre,
         )  # fmt: skip
-
-
-def _odometry_message(placed: RegisteredCloud) -> Any:
-    """ODOMETRY at the cloud's last point, on the sensors' clock. Its quality is unknown."""
-    return mav.MAVLink_odometry_message(
-        placed.stamp_ns // 1000, _LOCAL_FRD, _BODY_FRD, *placed.pose_odom[:3, 3].tolist(),
-        quaternion_of(placed.pose_odom[:3, :3]), *placed.vel_frd_mps.tolist(), 0.0, 0.0, 0.0, _UNKNOWN, _UNKNOWN,
-        0, _LIDAR_ESTIMATOR, 0,
-    )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -94,10 +94,16 @@ class PoseHistory:
 
         Extrapolated by the rates a little past the newest sample, None farther off or before all samples.
         """
-        turned, place = self._turned_at(stamp_ns), self._place_at(stamp_ns)
-        if turned is None or place is None:
+        turned, (placed, later) = self._turned_at(stamp_ns), _bracket(self._placed, stamp_ns)
+        if turned is None or placed is None:
             return None
-        return VehiclePose(place[0], rotation_matrix(turned.quat), place[1])
+        if later is None:
+            pos_ned_m = placed.pos_ned_m + placed.vel_ned_mps * ((stamp_ns - placed.stamp_ns) * 1e-9)
+            return VehiclePose(pos_ned_m, rotation_matrix(turned.quat), placed.vel_ned_mps)
+        share = (stamp_ns - placed.stamp_ns) / (later.stamp_ns - placed.stamp_ns)
+        pos_ned_m = placed.pos_ned_m + (later.pos_ned_m - placed.pos_ned_m) * share
+        vel_ned_mps = placed.vel_ned_mps + (later.vel_ned_mps - placed.vel_ned_mps) * share
+        return VehiclePose(pos_ned_m, rotation_matrix(turned.quat), vel_ned_mps)
 
     def steady_attitude_at(self, stamp_ns: int) -> Array | None:
         """Body axes (3, 3) in a frame that is fixed for the epoch, without the estimator's steps. None if unknown.
@@ -108,37 +114,33 @@ class PoseHistory:
         return None if turned is None else rotation_matrix(turned.steady)
 
     def _turned_at(self, stamp_ns: int) -> _Turned | None:
-        later: _Turned | None = None
-        for sample in reversed(self._turned):
-            if sample.stamp_ns <= stamp_ns:
-                if later is None:
-                    ahead_ns = stamp_ns - sample.stamp_ns
-                    return _carried(sample, ahead_ns * 1e-9) if ahead_ns <= AHEAD_NS else None
-                if later.stamp_ns - sample.stamp_ns > _GAP_NS:
-                    return None
-                share = (stamp_ns - sample.stamp_ns) / (later.stamp_ns - sample.stamp_ns)
-                return sample._replace(
-                    quat=_between(sample.quat, later.quat, share), steady=_between(sample.steady, later.steady, share)
-                )
-            later = sample
-        return None
+        sample, later = _bracket(self._turned, stamp_ns)
+        if sample is None:
+            return None
+        if later is None:
+            turn = (stamp_ns - sample.stamp_ns) * 1e-9 * sample.rate_frd_radps
+            return sample._replace(quat=turn_quaternion(sample.quat, turn), steady=turn_quaternion(sample.steady, turn))
+        share = (stamp_ns - sample.stamp_ns) / (later.stamp_ns - sample.stamp_ns)
+        return sample._replace(
+            quat=_between(sample.quat, later.quat, share), steady=_between(sample.steady, later.steady, share)
+        )
 
-    def _place_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
-        later: _Placed | None = None
-        for sample in reversed(self._placed):
-            if sample.stamp_ns <= stamp_ns:
-                if later is None:
-                    ahead_ns = stamp_ns - sample.stamp_ns
-                    if ahead_ns > AHEAD_NS:
-                        return None
-                    return sample.pos_ned_m + sample.vel_ned_mps * (ahead_ns * 1e-9), sample.vel_ned_mps
-                if later.stamp_ns - sample.stamp_ns > _GAP_NS:
-                    return None
-                share = (stamp_ns - sample.stamp_ns) / (later.stamp_ns - sample.stamp_ns)
-                pos = sample.pos_ned_m + (later.pos_ned_m - sample.pos_ned_m) * share
-                return pos, sample.vel_ned_mps + (later.vel_ned_mps - sample.vel_ned_mps) * share
-            later = sample
-        return None
+
+_Sample = TypeVar("_Sample", _Turned, _Placed)
+
+
+def _bracket(samples: deque[_Sample], stamp_ns: int) -> tuple[_Sample | None, _Sample | None]:
+    """Return the samples before and after an instant. The second is None if the first must be extrapolated.
+
+    Both are None too far past the newest sample, in a gap, and before all samples.
+    """
+    later: _Sample | None = None
+    for sample in reversed(samples):
+        if sample.stamp_ns <= stamp_ns:
+            end_ns, limit_ns = (stamp_ns, AHEAD_NS) if later is None else (later.stamp_ns, _GAP_NS)
+            return (sample, later) if end_ns - sample.stamp_ns <= limit_ns else (None, None)
+        later = sample
+    return None, None
 
 
 def _between(first: Array, second: Array, share: float) -> Array:
@@ -150,17 +152,14 @@ def _between(first: Array, second: Array, share: float) -> Array:
     return turned
 
 
-def _carried(sample: _Turned, ahead_s: float) -> _Turned:
-    turn = ahead_s * sample.rate_frd_radps
-    return sample._replace(quat=turn_quaternion(sample.quat, turn), steady=turn_quaternion(sample.steady, turn))
-
-
 def _turn(before: _Turned, stamp_ns: int, quat: Array, rate_frd_radps: Array) -> Array:
     """Rotation (3,) from one attitude to the next: by the difference, or by the rates if the difference is a step."""
     ahead_s = (stamp_ns - before.stamp_ns) * 1e-9
     w, *axis = quaternion_product(before.quat * _BACK, quat).tolist()
     sine = math.hypot(*axis)
-    told = np.array(axis) * (2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, abs(w)) / sine) * math.copysign(1.0, w)
+    difference = (
+        np.array(axis) * (2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, abs(w)) / sine) * math.copysign(1.0, w)
+    )
     by_rates: Array = 0.5 * ahead_s * (before.rate_frd_radps + rate_frd_radps)
-    is_step = float(np.linalg.norm(told - by_rates)) > _STEP_RAD + _STEP_SHARE * float(np.linalg.norm(by_rates))
-    return by_rates if is_step and ahead_s <= _RATES_HOLD_S else told
+    is_step = float(np.linalg.norm(difference - by_rates)) > _STEP_RAD + _STEP_SHARE * float(np.linalg.norm(by_rates))
+    return by_rates if is_step and ahead_s <= _RATES_HOLD_S else difference

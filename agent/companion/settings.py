@@ -12,22 +12,22 @@ from agent.mavlink.parameters import ParameterServer
 
 TABLE = (
     Parameter("AVD_ENABLE", 1, 0, 1, "", "1 steers around obstacles"),
-    Parameter("AVD_HORIZON", 12.0, 2.0, 60.0, "s", "how far ahead collisions are looked for"),
-    Parameter("AVD_MARGIN", 3.0, 0.5, 30.0, "m", "water kept between hull and obstacle"),
+    Parameter("AVD_HORIZON", 12.0, 2.0, 60.0, "s", "horizon of the collision check"),
+    Parameter("AVD_MARGIN", 3.0, 0.5, 30.0, "m", "clearance between hull and obstacle"),
     Parameter("AVD_RANGE", 60.0, 5.0, 260.0, "m", "obstacles farther away are ignored"),
-    Parameter("AVD_VESSELS", 0, 0, 1, "", "1 takes what is long and moves for another vessel, 0 for structure"),
-    Parameter("HULL_LENGTH", 2.3, 0.2, 100.0, "m", "of the vessel"),
+    Parameter("AVD_VESSELS", 0, 0, 1, "", "1 treats long moving objects as vessels, 0 as structure"),
+    Parameter("HULL_LENGTH", 2.3, 0.2, 100.0, "m", "length of the vessel"),
     Parameter("HULL_WATER", 0.15, -5.0, 10.0, "m", "from the body's origin down to the water at rest"),
-    Parameter("HULL_WIDTH", 1.6, 0.1, 50.0, "m", "of the vessel"),
+    Parameter("HULL_WIDTH", 1.6, 0.1, 50.0, "m", "width of the vessel"),
     Parameter("LIDAR_YAW", 0.0, -180.0, 180.0, "deg", "direction of the lidar, clockwise from the bow"),
-    Parameter("MAP_CELL", 0.1, 0.02, 5.0, "m", "edge of the cells of the map, one point each"),
-    Parameter("MAP_ENABLE", 1, 0, 1, "", "1 keeps a map"),
+    Parameter("MAP_CELL", 0.1, 0.02, 5.0, "m", "size of the map's cells, one point each"),
+    Parameter("MAP_ENABLE", 1, 0, 1, "", "1 makes a map"),
     Parameter("MAP_RANGE", 60.0, 1.0, 260.0, "m", "farther points are not mapped"),
     Parameter("ODO_AIDED", 1, 0, 1, "", "1 lets the autopilot's attitude and velocity aid the odometry"),
     Parameter("ODO_ENABLE", 1, 0, 1, "", "1 runs the odometry"),
-    Parameter("ODO_RANGE", 150.0, 5.0, 260.0, "m", "farther points are not used for it"),
-    Parameter("ODO_VOXEL", 1.0, 0.05, 10.0, "m", "edge of the cells of its local map"),
-    Parameter("WP_SPEED", 3.0, 0.1, 30.0, "m/s", "of the mission, where it does not say"),
+    Parameter("ODO_RANGE", 150.0, 5.0, 260.0, "m", "the odometry ignores farther points"),
+    Parameter("ODO_VOXEL", 1.0, 0.05, 10.0, "m", "size of the cells of the odometry's local map"),
+    Parameter("WP_SPEED", 3.0, 0.1, 30.0, "m/s", "speed of a mission that sets none"),
 )
 _ROWS = {row.name: row for row in TABLE}
 
@@ -36,7 +36,7 @@ def checked_parameter(name: str, value: float) -> float:
     """Return the value as it is stored. Raises ParameterError for an unknown name, NaN or a value out of range."""
     row = _ROWS.get(name)
     if row is None:
-        raise ParameterError(f"{name} is no setting of a companion; use one of {', '.join(_ROWS)}")
+        raise ParameterError(f"{name} is not a setting of a companion; use one of {', '.join(_ROWS)}")
     return within(row, value)
 
 

@@ -94,13 +94,16 @@ class PingReassembler:
 
     def handle(self, message: Message) -> list[SonarPing]:
         """Handle a chunk. Return the pings that it completes or ends, oldest first: none, one or two."""
-        if not _can_be(message):
+        if not _is_valid(message):
             self.refused += 1
             return []
         done: list[SonarPing] = []
         number = int(message.ping)
         if self._newest is None or 0 < (number - self._newest) % _ROUND < _ROUND // 2:
-            done += self._given_up()
+            if self._open is not None:
+                lost = len(self._missing)
+                self.chunks_lost += lost
+                done.append(self._hand_on(self._open._replace(chunks_lost=lost)))
             self._begin(message)
         ping = self._open
         if ping is None or number != ping.number or message.first not in self._missing:
@@ -130,13 +133,6 @@ class PingReassembler:
             np.zeros(message.samples, uint8),
         )
 
-    def _given_up(self) -> list[SonarPing]:
-        if self._open is None:
-            return []
-        lost = len(self._missing)
-        self.chunks_lost += lost
-        return [self._hand_on(self._open._replace(chunks_lost=lost))]
-
     def _hand_on(self, ping: SonarPing) -> SonarPing:
         self._open = None
         self._missing = set()
@@ -144,7 +140,7 @@ class PingReassembler:
         return ping
 
 
-def _can_be(message: Message) -> bool:
+def _is_valid(message: Message) -> bool:
     samples, first = message.samples, message.first
     return (
         0 < samples <= MOST_SAMPLES

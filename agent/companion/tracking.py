@@ -90,9 +90,7 @@ class StructureMap:
         gone = ahead & (range_m > clear_m[0]) & (range_m < clear_m[1]) & (age_ns > TUNED.structure_unseen_ns)
         gone |= ~self._settled & (age_ns > TUNED.structure_unseen_ns)
         gone |= (self._dry < TUNED.structure_settled_hits) & (age_ns > TUNED.structure_wet_kept_ns)
-        keep = ~gone & (age_ns < TUNED.structure_kept_ns) & (range_m < TUNED.structure_far_m)
-        self._cells, self._points_ne_m, self._hits = self._cells[keep], self._points_ne_m[keep], self._hits[keep]
-        self._first_ns, self._seen_ns, self._dry = self._first_ns[keep], self._seen_ns[keep], self._dry[keep]
+        self._keep(~gone & (age_ns < TUNED.structure_kept_ns) & (range_m < TUNED.structure_far_m))
 
     def forget_swept(self, since_ns: int, track: ObstacleTrack) -> None:
         """Drop the cells of a moving object: cells near its path with a first hit after `since_ns`."""
@@ -102,7 +100,9 @@ class StructureMap:
         way = track.state[:2] - track.first_ne_m
         share = np.clip(off @ way / max(float(way @ way), 1e-6), 0.0, 1.0)
         beside_m = np.hypot(*(off - share[:, None] * way).T)
-        keep = (self._first_ns < since_ns) | (beside_m > 0.5 * track.length_m + TUNED.track_gate_m)
+        self._keep((self._first_ns < since_ns) | (beside_m > 0.5 * track.length_m + TUNED.track_gate_m))
+
+    def _keep(self, keep: NDArray[np.bool_]) -> None:
         self._cells, self._points_ne_m, self._hits = self._cells[keep], self._points_ne_m[keep], self._hits[keep]
         self._first_ns, self._seen_ns, self._dry = self._first_ns[keep], self._seen_ns[keep], self._dry[keep]
 
@@ -120,8 +120,6 @@ class StructureMap:
 
 
 _VIEW_RAD = math.radians(TUNED.track_view_deg)
-
-
 _RECTANGLES_RAD = np.radians(np.arange(0.0, 90.0, 3.0))
 _RECTANGLE_AXES = np.concatenate(
     [
@@ -162,8 +160,8 @@ class _View:
         off = points_ne_m - self.pos_ne_m
         bearing = np.arctan2(off[:, 1], off[:, 0]) - self.bow_rad
         ahead = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) < _VIEW_RAD
-        held: NDArray[np.bool_] = ahead & (np.hypot(off[:, 0], off[:, 1]) < TUNED.outline_view_m)
-        return held
+        near: NDArray[np.bool_] = np.hypot(off[:, 0], off[:, 1]) < TUNED.outline_view_m
+        return ahead & near
 
 
 class _OutlineLook(NamedTuple):
@@ -175,7 +173,7 @@ class _OutlineLook(NamedTuple):
     whole: bool
     ends_ne_m: Array
     """(2, 2), the centres of its outermost metres."""
-    held: NDArray[np.bool_]
+    in_view: NDArray[np.bool_]
     """Which of these ends are in view."""
     range_m: Array
 
@@ -195,7 +193,18 @@ class OutlineMotion:
 
     def add_look(self, cluster: Cluster, view: _View) -> Array | None:
         """Return the velocity (2,) over ground, None unless several looks agree on it."""
-        now = _outline_look(cluster, view)
+        # Measure the ends of the outline.
+        points = cluster.points_ne_m
+        ahead_m = _turned(points, cluster.heading_rad)[0]
+        ends = np.array(
+            [points[ahead_m < ahead_m.min() + 1.0].mean(axis=0), points[ahead_m > ahead_m.max() - 1.0].mean(axis=0)]
+        )
+        whole_in_view, off = bool(view.holds(points).all()), ends - view.pos_ne_m
+        range_m = np.hypot(off[:, 0], off[:, 1])
+        now = _OutlineLook(
+            cluster.stamp_ns, cluster.middle_ne_m, points, whole_in_view, ends, view.holds(ends), range_m
+        )
+        # Compare with an earlier look: the whole outline if possible, otherwise the visible end.
         while self._looks and now.stamp_ns - self._looks[0].stamp_ns > TUNED.outline_longest_ns:
             self._looks.popleft()
         old = [look for look in self._looks if now.stamp_ns - look.stamp_ns >= TUNED.outline_shortest_ns]
@@ -214,18 +223,6 @@ class OutlineMotion:
         return vel_ne_mps
 
 
-def _outline_look(cluster: Cluster, view: _View) -> _OutlineLook:
-    points = cluster.points_ne_m
-    ahead_m = _turned(points, cluster.heading_rad)[0]
-    ends = np.array(
-        [points[ahead_m < ahead_m.min() + 1.0].mean(axis=0), points[ahead_m > ahead_m.max() - 1.0].mean(axis=0)]
-    )
-    whole = bool(view.holds(points).all())
-    off = ends - view.pos_ne_m
-    held, range_m = view.holds(ends), np.hypot(off[:, 0], off[:, 1])
-    return _OutlineLook(cluster.stamp_ns, cluster.middle_ne_m, points, whole, ends, held, range_m)
-
-
 def _whole_way(then: _OutlineLook, now: _OutlineLook) -> Array | None:
     """Motion (2,) of the whole outline since then, None if only a part moved."""
     way = now.middle_ne_m - then.middle_ne_m
@@ -237,15 +234,15 @@ def _whole_way(then: _OutlineLook, now: _OutlineLook) -> Array | None:
 
 def _end_way(then: _OutlineLook, between: _OutlineLook, now: _OutlineLook) -> Array | None:
     """Motion (2,) of the one visible end, at a constant rate and steadily nearer. None otherwise."""
-    if now.held.sum() != 1:
+    if now.in_view.sum() != 1:
         return None
-    end = int(np.argmax(now.held))
+    end = int(np.argmax(now.in_view))
     place = now.ends_ne_m[end]
     before = []
     for look in (between, then):
-        off_m = np.where(look.held, np.hypot(*(look.ends_ne_m - place).T), np.inf)
+        off_m = np.where(look.in_view, np.hypot(*(look.ends_ne_m - place).T), np.inf)
         nearest = int(np.argmin(off_m))
-        if not look.held[nearest]:
+        if not look.in_view[nearest]:
             return None
         before.append((look.ends_ne_m[nearest], float(look.range_m[nearest])))
     (halfway, halfway_m), (start, start_m) = before
@@ -293,8 +290,8 @@ class ObstacleTrack:
 
     def position_at(self, stamp_ns: int) -> Array:
         """Predicted position (2,) of its middle at an instant."""
-        where: Array = self.state[:2] + self.state[2:] * ((stamp_ns - self.stamp_ns) * 1e-9)
-        return where
+        position: Array = self.state[:2] + self.state[2:] * ((stamp_ns - self.stamp_ns) * 1e-9)
+        return position
 
     def holds(self, cluster: Cluster) -> bool:
         """Whether a cluster is at the present position of this vessel, and no larger than a part of it."""
@@ -324,8 +321,7 @@ class ObstacleTrack:
 
     def _correct_middle(self, cluster: Cluster, among_water: bool) -> None:
         # Looks overlap: four times the variance of one look. Different parts of a long object are visible in different
-        # looks.
-        # So its middle is known across it, and hardly along it.
+        # looks. So its middle is known across it, and hardly along it.
         hidden_m = 0.5 * max(self.length_m - cluster.length_m, 0.0)
         along = np.array((math.cos(self.heading_rad), math.sin(self.heading_rad)))
         along_m2, across_m2 = 4.0 * (0.2 + 0.05 * cluster.length_m + hidden_m) ** 2, 4.0 * 0.25**2
@@ -436,7 +432,7 @@ class ObstacleTracker:
     def update(
         self,
         now_ns: int,
-        found: Sequence[Cluster],
+        clusters: Sequence[Cluster],
         pos_ne_m: Array,
         bow_rad: float,
         water_reach_m: float,
@@ -446,10 +442,16 @@ class ObstacleTracker:
 
         New tracks start with the current's drift.
         """
+        # Known vessels first, by all of their clusters.
         view = _View(pos_ne_m, bow_rad, water_reach_m)
-        found = self._match_vessels(found, view)
+        for track in self._tracks:
+            parts = [cluster for cluster in clusters if track.holds(cluster)] if track.is_vessel else []
+            if parts:
+                clusters = [cluster for cluster in clusters if not any(cluster is part for part in parts)]
+                self._correct(track, parts[0] if len(parts) == 1 else merged_cluster(parts), view)
+        # Long clusters, and small ones next to structure, are structure. A long one may also be a moving vessel.
         small, long = [], []
-        for cluster in found:
+        for cluster in clusters:
             if cluster.length_m > TUNED.track_longest_m:
                 self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
                 if self._vessels:
@@ -457,13 +459,14 @@ class ObstacleTracker:
             else:
                 small.append(cluster)
         self.structure.prune(now_ns, pos_ne_m, bow_rad, (water_reach_m + 2.0, 30.0))
-        left: list[Cluster] = []
+        drifting: list[Cluster] = []
         for cluster in small:
             if self.structure.covers(cluster.middle_ne_m, TUNED.track_beside_m + 0.5 * cluster.width_m):
                 self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
             else:
-                left.append(cluster)
-        self._match([*left, *long], drift_ne_mps, view)
+                drifting.append(cluster)
+        self._match([*drifting, *long], drift_ne_mps, view)
+        # Count the time in view without a hit, and drop the lost tracks.
         since_ns = 0 if self._looked_ns is None else max(now_ns - self._looked_ns, 0)
         self._looked_ns = now_ns
         for track in self._tracks:
@@ -471,23 +474,11 @@ class ObstacleTracker:
                 track.missed_ns += since_ns
         self._tracks = [track for track in self._tracks if not self._is_lost(track, now_ns)]
 
-    def _match_vessels(self, found: Sequence[Cluster], view: _View) -> Sequence[Cluster]:
-        """Correct each vessel by all of its clusters. Return the other clusters."""
-        for track in self._tracks:
-            if not track.is_vessel:
-                continue
-            parts = [cluster for cluster in found if track.holds(cluster)]
-            if not parts:
-                continue
-            found = [cluster for cluster in found if not any(cluster is part for part in parts)]
-            self._correct(track, parts[0] if len(parts) == 1 else merged_cluster(parts), view)
-        return found
-
-    def _correct(self, track: ObstacleTrack, thing: Cluster, view: _View) -> None:
-        if thing.stamp_ns <= track.seen_ns + 20_000_000:
+    def _correct(self, track: ObstacleTrack, cluster: Cluster, view: _View) -> None:
+        if cluster.stamp_ns <= track.seen_ns + 20_000_000:
             return
-        track.correct(thing, view)
-        if self._vessels and track.hits_needed < TUNED.track_wet_hits and track.note_motion(thing, view):
+        track.correct(cluster, view)
+        if self._vessels and track.hits_needed < TUNED.track_wet_hits and track.note_motion(cluster, view):
             if track.is_vessel:
                 self.structure.forget_swept(track.first_ns, track)
             if not track.number:
@@ -497,16 +488,16 @@ class ObstacleTracker:
         number, self._next = self._next, self._next % 65535 + 1
         return number
 
-    def _match(self, things: list[Cluster], drift_ne_mps: Array, view: _View) -> None:
-        """Associate tracks with clusters, the nearest pairs first."""
+    def _match(self, clusters: list[Cluster], drift_ne_mps: Array, view: _View) -> None:
+        """Associate tracks with clusters, the nearest pairs first. Start tracks for the other clusters."""
         pairs = []
         for index, track in enumerate(self._tracks):
             gate_m = TUNED.track_gate_m + 0.4 * track.length_m
-            for other, thing in enumerate(things):
-                is_long = thing.length_m > TUNED.track_longest_m
-                if is_long != track.stands and abs(thing.length_m - track.length_m) > TUNED.track_grows_m:
+            for other, cluster in enumerate(clusters):
+                is_long = cluster.length_m > TUNED.track_longest_m
+                if is_long != track.stands and abs(cluster.length_m - track.length_m) > TUNED.track_grows_m:
                     continue
-                off_m = float(np.hypot(*(thing.middle_ne_m - track.position_at(thing.stamp_ns))))
+                off_m = float(np.hypot(*(cluster.middle_ne_m - track.position_at(cluster.stamp_ns))))
                 if off_m < gate_m:
                     pairs.append((off_m - (1.0 if track.confirmed else 0.0), index, other))
         taken: set[int] = set()
@@ -516,23 +507,22 @@ class ObstacleTracker:
                 continue
             matched.add(index)
             taken.add(other)
-            track, thing = self._tracks[index], things[other]
-            if thing.stamp_ns > track.seen_ns + 20_000_000:
-                self._correct(track, thing, view)
+            track, cluster = self._tracks[index], clusters[other]
+            if cluster.stamp_ns > track.seen_ns + 20_000_000:
+                self._correct(track, cluster, view)
                 self._confirm(track, drift_ne_mps)
         near_known = {other for _, _, other in pairs}
-        for other, thing in enumerate(things):
-            if other not in taken and other not in near_known:
-                range_m = view.range_m(thing.middle_ne_m)
-                if range_m < TUNED.track_born_m:
-                    continue
-                wet = range_m < TUNED.strewn_share * view.water_reach_m
-                track = ObstacleTrack(0, thing, drift_ne_mps, TUNED.track_wet_hits if wet else TUNED.track_hits)
-                if track.stands:
-                    track.state[2:] = 0.0
-                else:
-                    track.number = self._number()
-                self._tracks.append(track)
+        for other, cluster in enumerate(clusters):
+            range_m = view.range_m(cluster.middle_ne_m)
+            if other in near_known or range_m < TUNED.track_born_m:
+                continue
+            wet = range_m < TUNED.strewn_share * view.water_reach_m
+            track = ObstacleTrack(0, cluster, drift_ne_mps, TUNED.track_wet_hits if wet else TUNED.track_hits)
+            if track.stands:
+                track.state[2:] = 0.0
+            else:
+                track.number = self._number()
+            self._tracks.append(track)
 
     def _confirm(self, track: ObstacleTrack, drift_ne_mps: Array) -> None:
         wet = track.hits_needed >= TUNED.track_wet_hits

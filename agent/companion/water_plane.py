@@ -81,7 +81,10 @@ class WaterPlane:
         plane = np.zeros(6)
         chosen = np.ones(len(down_m), dtype=np.bool_)
         for trim_m in TUNED.water_trims_m:
-            plane = _solved(sides[chosen], down_m[chosen])
+            # Least squares. Undetermined parameters are nearly zero.
+            fitted, low_m = sides[chosen], down_m[chosen]
+            normal_matrix = (fitted.T @ fitted).astype(np.float64) + np.diag([1e-6] * 3 + [1e-3] * 3)
+            plane = np.linalg.solve(normal_matrix, (fitted.T @ low_m).astype(np.float64)).astype(np.float64)
             chosen = np.abs(down_m - sides @ plane.astype(np.float32)) < trim_m
             if np.count_nonzero(chosen) < TUNED.water_points:
                 return
@@ -104,10 +107,3 @@ def _sides(points_frd_m: Points, lag_s: Points) -> Points:
     sides[:, 2] = 1.0
     np.multiply(sides[:, :3], lag_s[:, None], out=sides[:, 3:])
     return sides
-
-
-def _solved(sides: Points, down_m: Points) -> Array:
-    """Solution (6,) by least squares. Undetermined parameters are nearly zero."""
-    normal = (sides.T @ sides).astype(np.float64) + np.diag([1e-6] * 3 + [1e-3] * 3)
-    solved: Array = np.linalg.solve(normal, (sides.T @ down_m).astype(np.float64)).astype(np.float64)
-    return solved

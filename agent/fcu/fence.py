@@ -102,7 +102,11 @@ class Fence:
                 self._frame = frame
                 self._areas = _areas(self.items, frame)
             for area in self._areas:
-                nearest_m = min(nearest_m, _clearance_m(area, place))
+                if len(area.corners) == 1:
+                    inside_m = area.radius_m - math.hypot(place[0] - area.corners[0][0], place[1] - area.corners[0][1])
+                else:
+                    inside_m = _inside_polygon_m(area.corners, *place)
+                nearest_m = min(nearest_m, inside_m if area.inclusion else -inside_m)
         return nearest_m
 
     def update_breach(self, clearance_m: float, now_ns: int) -> bool:
@@ -163,20 +167,11 @@ def _areas(items: tuple[FenceItem, ...], frame: LocalProjection) -> tuple[_Area,
     while at < len(items):
         item, length = items[at], _length(items[at])
         if item.command != RETURN_POINT:
-            corners = tuple(frame.to_local(one.lat_deg, one.lon_deg) for one in items[at : at + length])
+            corners = tuple(frame.to_local(corner.lat_deg, corner.lon_deg) for corner in items[at : at + length])
             radius_m = item.radius_m if item.command in (CIRCLE_IN, CIRCLE_OUT) else 0.0
             areas.append(_Area(item.command in (POLYGON_IN, CIRCLE_IN), corners, radius_m))
         at += length
     return tuple(areas)
-
-
-def _clearance_m(area: _Area, place: Point) -> float:
-    north_m, east_m = place
-    if len(area.corners) == 1:
-        inside_m = area.radius_m - math.hypot(north_m - area.corners[0][0], east_m - area.corners[0][1])
-    else:
-        inside_m = _inside_polygon_m(area.corners, north_m, east_m)
-    return inside_m if area.inclusion else -inside_m
 
 
 def _inside_polygon_m(corners: tuple[Point, ...], north_m: float, east_m: float) -> float:

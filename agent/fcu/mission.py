@@ -67,7 +67,7 @@ class MissionCommand(NamedTuple):
     has_place: bool = False
     """Whether x, y and z are a position."""
     device: str = ""
-    """Device that the command needs and this vessel lacks."""
+    """Device that the command needs and that this vessel does not have."""
 
 
 COMMANDS: Mapping[int, MissionCommand] = {
@@ -252,5 +252,5 @@ def item_problem(item: MissionItem) -> ItemProblem | None:
         if not abs(value) <= limit:
             return ItemProblem(field, f"position {item.lat_deg:g}, {item.lon_deg:g} is not on Earth; use degrees")
     if not abs(item.alt_m) < _MOST_ALTITUDE_M:
-        return ItemProblem(7, f"altitude {item.alt_m:g} m is not one; use 0")
+        return ItemProblem(7, f"altitude {item.alt_m:g} m is not valid; use 0")
     return None

@@ -53,48 +53,50 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter(
         "FENCE_ACTION", 1, 0, 4, "", "at a breach: 0 report, 1 RTL, 2 HOLD, 3 SMART_RTL or RTL, 4 SMART_RTL", INT8
     ),
-    Parameter("FENCE_ENABLE", 0, 0, 1, "", "1 watches the fence", INT8),
-    Parameter("FENCE_MARGIN", 2.0, 0.0, 100.0, "m", "GUIDED keeps so far inside; a breach is over so far inside"),
-    Parameter("FENCE_RADIUS", 300.0, 1.0, 10000.0, "m", "circle around home to stay in"),
-    Parameter("FENCE_TYPE", 6, 0, 7, "", "sum of: 2 circle around home, 4 polygons and circles drawn", INT8),
+    Parameter("FENCE_ENABLE", 0, 0, 1, "", "1 enables the fence", INT8),
+    Parameter("FENCE_MARGIN", 2.0, 0.0, 100.0, "m", "distance inside at which a breach ends; GUIDED keeps it too"),
+    Parameter("FENCE_RADIUS", 300.0, 1.0, 10000.0, "m", "radius of the circle around home"),
+    Parameter("FENCE_TYPE", 6, 0, 7, "", "sum of: 2 circle around home, 4 uploaded polygons and circles", INT8),
     Parameter(
         "FS_ACTION", 2, 0, 6, "", "0 none, 1 RTL, 2 HOLD, 3 SMART_RTL or RTL, 4 SMART_RTL, 5 disarm, 6 LOITER", INT8
     ),
-    Parameter("FS_EKF_ACTION", 1, 0, 2, "", "estimate bad while steering by it: 0 nothing, 1 HOLD, 2 report", INT8),
+    Parameter("FS_EKF_ACTION", 1, 0, 2, "", "bad estimate in a mode that needs it: 0 nothing, 1 HOLD, 2 report", INT8),
     Parameter("FS_EKF_THRESH", 0.8, 0.0, 10.0, "", "test ratio of GNSS or compass that counts as bad, 0 for none"),
     Parameter(
         "FS_GCS_ENABLE", 0, 0, 2, "", "act when the ground station falls silent: 0 no, 1 yes, 2 but not in AUTO", INT8
     ),
-    Parameter("FS_GCS_TIMEOUT", 5.0, 1.0, 120.0, "s", "without a ground station's heartbeat for so long it is silent"),
-    Parameter("FS_IMU_TIMEOUT", 0.25, 0.02, 10.0, "s", "outputs go neutral when no IMU sample came for so long"),
-    Parameter("FS_TIMEOUT", 1.5, 0.0, 100.0, "s", "a failsafe acts when its cause has lasted for so long"),
-    Parameter("GUID_TIMEOUT", 3.0, 0.1, 60.0, "s", "velocity and course targets of GUIDED hold for so long"),
+    Parameter(
+        "FS_GCS_TIMEOUT", 5.0, 1.0, 120.0, "s", "time without a heartbeat after which a ground station is silent"
+    ),
+    Parameter("FS_IMU_TIMEOUT", 0.25, 0.02, 10.0, "s", "time without an IMU sample after which outputs are neutral"),
+    Parameter("FS_TIMEOUT", 1.5, 0.0, 100.0, "s", "duration of the cause before a failsafe acts"),
+    Parameter("GUID_TIMEOUT", 3.0, 0.1, 60.0, "s", "validity of velocity and course targets in GUIDED"),
     Parameter("INITIAL_MODE", 4, 0, 15, "", "number of the mode after start", INT8, _MODES),
-    Parameter("LOIT_RADIUS", 2.0, 0.1, 100.0, "m", "how far from its place a loitering vessel may drift"),
-    Parameter("LOIT_SPEED_GAIN", 0.5, 0.0, 5.0, "1/s", "speed back to its place per distance"),
-    Parameter("LOIT_TYPE", 0, 0, 2, "", "back to its place: 0 bow or stern first, 1 bow first, 2 stern first", INT8),
+    Parameter("LOIT_RADIUS", 2.0, 0.1, 100.0, "m", "largest drift of a loitering vessel from its position"),
+    Parameter("LOIT_SPEED_GAIN", 0.5, 0.0, 5.0, "1/s", "speed back to the position per distance"),
+    Parameter("LOIT_TYPE", 0, 0, 2, "", "back to the position: 0 bow or stern first, 1 bow first, 2 stern first", INT8),
     Parameter("LOS_KAPPA", 0.8, 0.0, 10.0, "m/s", "integral gain of the line-of-sight guidance"),
     Parameter("LOS_LOOKAHEAD", 6.0, 0.5, 500.0, "m", "look-ahead distance of the line-of-sight guidance"),
     Parameter("MIS_DONE_BEHAVE", 0, 0, 1, "", "after the last waypoint: 0 HOLD, 1 LOITER", INT8),
     Parameter("MOT_SLEWRATE", 500.0, 0.0, 1000.0, "%/s", "largest change of a motor command, 0 for none", INT16),
     Parameter("MOT_SPD_SCA_BASE", 1.0, 0.0, 10.0, "m/s", "speed above which rudders turn less, 0 for none"),
-    Parameter("MOT_STR_THR_MIX", 1.0, 0.2, 1.0, "", "skid steering: 1 cuts thrust for steering, 0.5 both alike"),
+    Parameter("MOT_STR_THR_MIX", 1.0, 0.2, 1.0, "", "skid steering: 1 reduces thrust for steering, 0.5 both equally"),
     Parameter("MOT_THST_ASYM", 1.667, 1.0, 10.0, "", "thrust ahead over thrust astern at full command"),
     Parameter("MOT_THST_EXPO", 1.0, -1.0, 1.0, "", "thrust curve: 0 linear, 1 square of the command"),
-    Parameter("MOT_VEC_ANGLEMAX", 0.0, 0.0, 90.0, "deg", "how far steering turns the thrust, 0 for a rudder"),
+    Parameter("MOT_VEC_ANGLEMAX", 0.0, 0.0, 90.0, "deg", "angle of the thrust at full steering, 0 for a rudder"),
     Parameter("RCMAP_ROLL", 1, 1, RC_CHANNELS, "", "RC channel of the steering stick", INT8),
     Parameter("RCMAP_THROTTLE", 3, 1, RC_CHANNELS, "", "RC channel of the throttle stick", INT8),
-    Parameter("RC_OVERRIDE_TIME", 3.0, -1.0, 120.0, "s", "RC overrides hold for so long, 0 never, -1 until released"),
+    Parameter("RC_OVERRIDE_TIME", 3.0, -1.0, 120.0, "s", "validity of RC overrides, 0 never, -1 until released"),
     Parameter("RTL_SPEED", 0.0, 0.0, 100.0, "m/s", "speed over ground on the way home, 0 for WP_SPEED"),
-    Parameter("SIMPLE_TYPE", 0, 0, 1, "", "SIMPLE counts headings from: 0 the heading at arming, 1 north", INT8),
-    Parameter("SPEED_MAX", 0.0, 0.0, 30.0, "m/s", "speed at full throttle stick, 0 for what CRUISE_THROTTLE says"),
-    Parameter("SRTL_ACCURACY", 2.0, 0.0, 10.0, "m", "SMART_RTL: least distance between the places of its path"),
-    Parameter("SRTL_POINTS", 300, 0, 500, "", "SMART_RTL: most places of its path, 0 for no SMART_RTL", INT16),
-    Parameter("SYSID_MYGCS", 255, 0, 255, "", "the ground station whose silence counts, 0 for any", INT16),
+    Parameter("SIMPLE_TYPE", 0, 0, 1, "", "reference of headings in SIMPLE: 0 the heading at arming, 1 north", INT8),
+    Parameter("SPEED_MAX", 0.0, 0.0, 30.0, "m/s", "speed at full throttle stick, 0 to derive it from CRUISE_THROTTLE"),
+    Parameter("SRTL_ACCURACY", 2.0, 0.0, 10.0, "m", "SMART_RTL: least distance between the points of its path"),
+    Parameter("SRTL_POINTS", 300, 0, 500, "", "SMART_RTL: most points of its path, 0 for no SMART_RTL", INT16),
+    Parameter("SYSID_MYGCS", 255, 0, 255, "", "system id of the ground station to monitor, 0 for any", INT16),
     Parameter("TURN_RADIUS", 3.0, 0.1, 100.0, "m", "tightest turn under way, at full steering stick in STEERING"),
     Parameter("WP_RADIUS", 2.0, 0.1, 100.0, "m", "distance at which a waypoint counts as reached"),
     Parameter("WP_SPEED", 3.0, 0.1, 100.0, "m/s", "speed over ground between waypoints"),
-    Parameter("WP_SPEED_MIN", 1.0, 0.1, 100.0, "m/s", "corners are not taken slower than this"),
+    Parameter("WP_SPEED_MIN", 1.0, 0.1, 100.0, "m/s", "least speed in corners"),
 )
 
 
@@ -105,11 +107,11 @@ def _channel_rows(number: int) -> tuple[Parameter, ...]:
     """
     name = f"RC{number}"
     return (
-        Parameter(f"{name}_DZ", 30, 0, 200, "us", "no deflection within so much of the trim", INT16),
+        Parameter(f"{name}_DZ", 30, 0, 200, "us", "dead zone on either side of the trim", INT16),
         Parameter(f"{name}_MAX", 1900, 1600, 2200, "us", "widest pulse", INT16),
         Parameter(f"{name}_MIN", 1101, 800, 1400, "us", "narrowest pulse", INT16),
         _fixed(f"{name}_OPTION", 0, INT16, "no switch is read"),
-        Parameter(f"{name}_REVERSED", 0, 0, 1, "", "1 turns the direction round", INT8),
+        Parameter(f"{name}_REVERSED", 0, 0, 1, "", "1 reverses the direction", INT8),
         Parameter(f"{name}_TRIM", 1500, 800, 2200, "us", "pulse of the centred stick", INT16),
     )
 
@@ -130,17 +132,17 @@ def _output_rows() -> Iterator[Parameter]:
         )
     for number in range(1, MOTORS + 1):
         name = f"MOT{number}"
-        yield Parameter(f"{name}_ANGLE", 0.0, -180.0, 180.0, "deg", "where its thrust points: 90 to starboard")
-        yield Parameter(f"{name}_ASYM", 0.0, 0.0, 100.0, "", "its thrust ahead over astern, 0 for MOT_THST_ASYM")
-        yield Parameter(f"{name}_POS_X", 0.0, -500.0, 500.0, "m", "its place forward of the body origin")
-        yield Parameter(f"{name}_POS_Y", 0.0, -500.0, 500.0, "m", "its place right of the body origin")
-        yield Parameter(f"{name}_THRUST", 0.0, 0.0, 1e7, "N", "its full thrust ahead, 0 for no such motor")
-        yield Parameter(f"{name}_VEC_MAX", 0.0, 0.0, 180.0, "deg", "how far its gear turns it, 0 for a fixed one")
+        yield Parameter(f"{name}_ANGLE", 0.0, -180.0, 180.0, "deg", "direction of its thrust, 90 to starboard")
+        yield Parameter(f"{name}_ASYM", 0.0, 0.0, 100.0, "", "its full thrust ahead over astern, 0 for MOT_THST_ASYM")
+        yield Parameter(f"{name}_POS_X", 0.0, -500.0, 500.0, "m", "its position forward of the body origin")
+        yield Parameter(f"{name}_POS_Y", 0.0, -500.0, 500.0, "m", "its position right of the body origin")
+        yield Parameter(f"{name}_THRUST", 0.0, 0.0, 1e7, "N", "its full thrust ahead, 0 for an absent motor")
+        yield Parameter(f"{name}_VEC_MAX", 0.0, 0.0, 180.0, "deg", "largest angle of its gear, 0 for a fixed motor")
     for number in range(1, RUDDERS + 1):
         name = f"RUD{number}"
         yield Parameter(f"{name}_FORCE", 0.0, 0.0, 1e7, "N", "side force of full angle at MOT_SPD_SCA_BASE, 0 for none")
-        yield Parameter(f"{name}_MOT", 0, 0, MOTORS, "", "motor in whose race it stands, 0 for none", INT8)
-        yield Parameter(f"{name}_POS_X", 0.0, -500.0, 500.0, "m", "its place forward of the body origin")
+        yield Parameter(f"{name}_MOT", 0, 0, MOTORS, "", "motor whose race flows over it, 0 for none", INT8)
+        yield Parameter(f"{name}_POS_X", 0.0, -500.0, 500.0, "m", "its position forward of the body origin")
         yield Parameter(f"{name}_RACE", 0.0, 0.0, 100.0, "m/s", "flow over it at rest with that motor full ahead")
 
 
@@ -185,7 +187,7 @@ def _battery_rows() -> Iterator[Parameter]:
         ("VOLT_PIN", -1, 127, "", INT8),
     ):
         low = -1 if name.endswith("PIN") else 0
-        yield Parameter(f"BATT_{name}", default, low, high, unit, "kept; nothing measures the battery", kind)
+        yield Parameter(f"BATT_{name}", default, low, high, unit, "stored; nothing measures the battery", kind)
 
 
 def _station_rows() -> Iterator[Parameter]:
@@ -201,8 +203,8 @@ def _station_rows() -> Iterator[Parameter]:
     yield _fixed("FORMAT_VERSION", 16, INT16, "of ArduRover's parameters")
     yield _fixed("FRAME_CLASS", 2, INT8, "2: a boat")
     yield _fixed("FRAME_TYPE", 0, INT8, "0: no balancing, no wheels")
-    yield _fixed("FS_CRASH_CHECK", 0, INT8, "0: a crash is not looked for")
-    yield _fixed("FS_THR_ENABLE", 0, INT8, "0: there is no receiver whose throttle could fail")
+    yield _fixed("FS_CRASH_CHECK", 0, INT8, "0: crashes are not detected")
+    yield _fixed("FS_THR_ENABLE", 0, INT8, "0: there is no RC receiver")
     yield _fixed("FS_THR_VALUE", 910, INT16, "throttle pulse below which a receiver has failed", "us")
     for axis in "XYZ":
         # Values of ArduPilot's simulated sensors. All zeros would mean "not calibrated" to a station.
@@ -214,10 +216,10 @@ def _station_rows() -> Iterator[Parameter]:
     yield _fixed("INS_GYR_ID", 2752772, INT32, "the gyroscope")
     yield _fixed("MODE_CH", 8, INT8, "RC channel of the mode switch, which is not read")
     for number in range(1, 7):
-        yield Parameter(f"MODE{number}", 0, 0, 15, "", "kept; the mode switch is not read", INT8, _MODES)
-    yield Parameter("RCMAP_PITCH", 2, 1, RC_CHANNELS, "", "kept; a boat has no such stick", INT8)
-    yield Parameter("RCMAP_YAW", 4, 1, RC_CHANNELS, "", "kept; RCMAP_ROLL steers", INT8)
-    yield Parameter(SYSTEM_ID, 1, 1, 250, "", "the system that this autopilot is, since its start", INT16)
+        yield Parameter(f"MODE{number}", 0, 0, 15, "", "stored; the mode switch is not read", INT8, _MODES)
+    yield Parameter("RCMAP_PITCH", 2, 1, RC_CHANNELS, "", "stored; a boat has no such stick", INT8)
+    yield Parameter("RCMAP_YAW", 4, 1, RC_CHANNELS, "", "stored; RCMAP_ROLL steers", INT8)
+    yield Parameter(SYSTEM_ID, 1, 1, 250, "", "system id of this autopilot, fixed at its start", INT16)
 
 
 TABLE: tuple[Parameter, ...] = tuple(
@@ -271,7 +273,7 @@ class Parameters:
     def _check_settable(self, name: str, value: float) -> None:
         if name == SYSTEM_ID and value != self._values[SYSTEM_ID]:
             raise ParameterError(
-                f"{SYSTEM_ID} = {value:g} is refused: it is {self._values[SYSTEM_ID]:g} since the start; use the "
+                f"{SYSTEM_ID} = {value:g} is refused: it is {self._values[SYSTEM_ID]:g} since the start; set the "
                 "agent's --system-id, or the profile's autopilot.system_id"
             )
 
@@ -295,23 +297,20 @@ def checked(name: str, value: float) -> float:
     """Return the value as it is stored. Raises ParameterError for an unknown name or an invalid value."""
     row = BY_NAME.get(name)
     if row is None:
-        raise ParameterError(f"{name} is not a parameter{_hint(name)}")
+        from difflib import get_close_matches  # lazily, because only a typing error needs it
+
+        close = get_close_matches(name, BY_NAME, n=1, cutoff=0.7)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise ParameterError(f"{name} is not a parameter{hint}")
     return within(row, value)
 
 
 def checked_parm(text: str, source: str) -> list[tuple[int, str, float]]:
     """Parse like `parm_lines`, with each value as the embedded autopilot stores it. Raises the first refusal."""
-    found = []
+    values = []
     for line, name, value in parm_lines(text, source):
         try:
-            found.append((line, name, checked(name, value)))
+            values.append((line, name, checked(name, value)))
         except ParameterError as error:
             raise ParameterError(f"{source}:{line}: {error}") from None
-    return found
-
-
-def _hint(name: str) -> str:
-    from difflib import get_close_matches  # only when somebody mistyped
-
-    close = get_close_matches(name, BY_NAME, n=1, cutoff=0.7)
-    return f"; did you mean {close[0]}?" if close else ""
+    return values

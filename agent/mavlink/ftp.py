@@ -32,15 +32,15 @@ UNKNOWN_COMMAND, FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 7, 8, 9, 10
 _NO_SUCH_FILE = 2  # ENOENT
 _BUSY = (INVALID_SESSION, NO_SESSION)
 _REASONS = {
-    FAIL: "it fails there",
+    FAIL: "the operation fails there",
     FAIL_ERRNO: "its file system fails",
     INVALID_SIZE: "the request has a wrong size",
-    INVALID_SESSION: "another client is busy with its files",
-    NO_SESSION: "other clients are busy with its files",
+    INVALID_SESSION: "another client uses its files",
+    NO_SESSION: "other clients use its files",
     END_OF_FILE: "the file has ended",
-    UNKNOWN_COMMAND: "it does not know this operation",
-    FILE_EXISTS: "it exists",
-    FILE_PROTECTED: "it is protected",
+    UNKNOWN_COMMAND: "it does not support this operation",
+    FILE_EXISTS: "the file exists",
+    FILE_PROTECTED: "the file is protected",
     FILE_NOT_FOUND: "there is no such file or folder",
 }
 
@@ -70,7 +70,7 @@ class FtpSilentError(Exception):
 
     def __init__(self) -> None:
         super().__init__(
-            "the vehicle does not answer to MAVLink FTP; use its USB or network link, and firmware that has it"
+            "the vehicle does not answer MAVLink FTP; use its USB or network link, and firmware that supports it"
         )
 
 

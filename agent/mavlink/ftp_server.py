@@ -184,11 +184,11 @@ class FtpServer:
 
     def _terminate(self, client: Target, packet: FtpPacket, now_ns: int) -> FtpPacket:
         """End a session. An ended session is also acknowledged."""
-        self._sessions = [one for one in self._sessions if (one.client, one.number) != (client, packet.session)]
+        self._sessions = [other for other in self._sessions if (other.client, other.number) != (client, packet.session)]
         return _reply(packet)
 
     def _reset(self, client: Target, packet: FtpPacket, now_ns: int) -> FtpPacket:
-        self._sessions = [one for one in self._sessions if one.client != client]
+        self._sessions = [other for other in self._sessions if other.client != client]
         return _reply(packet)
 
     def _list(self, client: Target, packet: FtpPacket, now_ns: int) -> _Steps:
@@ -209,9 +209,9 @@ class FtpServer:
         path = _path(packet)
         while (file := self._files.open(path)) is None:
             yield
-        self._drop_idle(client, packet.session, now_ns)
-        taken = {one.number for one in self._sessions if one.client == client}
         number = packet.session
+        self._drop_idle(client, number, now_ns)
+        taken = {session.number for session in self._sessions if session.client == client}
         if number in taken:
             number = next(free for free in range(256) if free not in taken)
         self._sessions.append(_Session(client, number, file, now_ns))
@@ -220,13 +220,13 @@ class FtpServer:
 
     def _drop_idle(self, client: Target, number: int, now_ns: int) -> None:
         """Make room for a session with this number, by ending silent ones."""
-        idle = [one for one in self._sessions if not 0 <= now_ns - one.used_ns < IDLE_NS]
-        same = [one for one in idle if (one.client, one.number) == (client, number)]
-        if not same and len(self._sessions) >= MOST_SESSIONS:
+        idle = [session for session in self._sessions if not 0 <= now_ns - session.used_ns < IDLE_NS]
+        ended = [session for session in idle if (session.client, session.number) == (client, number)]
+        if not ended and len(self._sessions) >= MOST_SESSIONS:
             if not idle:
                 raise _RefusedError(ftp.NO_SESSION)
-            same = [min(idle, key=lambda one: one.used_ns)]
-        self._sessions = [one for one in self._sessions if one not in same]
+            ended = [min(idle, key=lambda session: session.used_ns)]
+        self._sessions = [session for session in self._sessions if session not in ended]
 
     def _session(self, client: Target, packet: FtpPacket, now_ns: int) -> _Session:
         for session in self._sessions:

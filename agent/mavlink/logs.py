@@ -91,12 +91,12 @@ class LogServer:
         first, last = max(self._listing[0], 1), min(self._listing[1], count)
         end = min(last, first + most - 1)
         self._listing = (end + 1, last) if end < last else None
-        return [self._entry(number, logs[number - 1], count) for number in range(first, end + 1)]
-
-    @staticmethod
-    def _entry(number: int, log: ListedLog, count: int) -> Any:
-        time_s, size = (min(max(value, 0), 0xFFFFFFFF) for value in (log.modified_s, log.size))
-        return mav.MAVLink_log_entry_message(number, count, count, time_s, size)
+        entries = []
+        for number in range(first, end + 1):
+            log = logs[number - 1]
+            time_s, size = (min(max(value, 0), 0xFFFFFFFF) for value in (log.modified_s, log.size))
+            entries.append(mav.MAVLink_log_entry_message(number, count, count, time_s, size))
+        return entries
 
     # -- data
 
@@ -137,4 +137,4 @@ class LogServer:
         self._parts.clear()
 
     def _on_erase(self, m: Any, now_ns: int) -> Messages:
-        return self._refused("LOG_ERASE refused: logs are read, not deleted, over MAVLink; delete the files")
+        return self._refused("LOG_ERASE refused: logs cannot be deleted over MAVLink; delete the files")

@@ -103,11 +103,10 @@ class MissionUpload:
     def poll(self, now_ns: int) -> Messages:
         if self.done:
             return []
+        limit_s = self._give_up_s if self.result is None else min(self._refused_s, self._give_up_s)
         if not self._whole.started:
             self._whole.start(now_ns)
-        elif (self.result is not None and self._whole.is_over(now_ns, self._refused_s)) or self._whole.is_over(
-            now_ns, self._give_up_s
-        ):
+        elif self._whole.is_over(now_ns, limit_s):
             self.done = True
             return []
         elif not self._next.is_over(now_ns, self._repeat_s):
@@ -288,7 +287,7 @@ class MissionServer:
         if upload.retries >= RETRIES:
             self._upload = None
             name = self._plans[upload.mission_type].name
-            self._warn(f"{name} upload given up: item {upload.expected} did not come")
+            self._warn(f"{name} upload cancelled: item {upload.expected} did not arrive")
             cancelled = mav.MAV_MISSION_OPERATION_CANCELLED
             return [mav.MAVLink_mission_ack_message(*upload.sender, cancelled, upload.mission_type)]
         upload.retries += 1
@@ -426,7 +425,7 @@ class MissionServer:
         if mission_type != ALL and mission_type not in self._plans:
             return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
         self._upload = None
-        results = [self._store(one, []) for one in self._plans if mission_type in (one, ALL)]
+        results = [self._store(kind, []) for kind in self._plans if mission_type in (kind, ALL)]
         return [_ack(message, max(results))]
 
     def _on_set_current(self, message: Any, now_ns: int) -> Messages:

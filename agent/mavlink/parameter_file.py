@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import errno
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Callable, NamedTuple
 
 from agent.mavlink.ftp import DATA_BYTES
@@ -47,15 +47,15 @@ class ParameterQuery(NamedTuple):
 
 def parse_query(text: str) -> ParameterQuery:
     """Parse `start=10&count=5&withdefaults=1`. Other keys are ignored. Raises OSError for an invalid number."""
-    found = {"start": 0, "count": 0, "withdefaults": 0}
+    numbers = {"start": 0, "count": 0, "withdefaults": 0}
     for part in text.split("&"):
         name, _, number = part.partition("=")
-        if name in found:
+        if name in numbers:
             most = 1 if name == "withdefaults" else _LIMIT - 1
             if not number.isascii() or not number.isdigit() or int(number[:6]) > most:
-                raise OSError(errno.EINVAL, f"param.pck: {part} is no number from 0 to {most}")
-            found[name] = int(number[:6])
-    return ParameterQuery(found["start"], found["count"], found["withdefaults"] == 1)
+                raise OSError(errno.EINVAL, f"param.pck: {part} is not a number from 0 to {most}")
+            numbers[name] = int(number[:6])
+    return ParameterQuery(numbers["start"], numbers["count"], numbers["withdefaults"] == 1)
 
 
 WHOLE = ParameterQuery()
@@ -65,23 +65,20 @@ def pack_parameters(rows: Sequence[ParameterFileRow], query: ParameterQuery = WH
     """Return the file, for reads of `piece` bytes each."""
     chosen = rows[query.start : query.start + query.limit] if query.limit else rows[query.start :]
     magic = _MAGIC_WITH_DEFAULTS if query.with_defaults else _MAGIC
-    return _HEADER.pack(magic, len(chosen), len(rows)) + _packed(chosen, query.with_defaults, piece)
-
-
-def _packed(rows: Iterable[ParameterFileRow], with_defaults: bool, piece: int) -> bytes:
-    data = bytearray()
+    data = bytearray(_HEADER.pack(magic, len(chosen), len(rows)))
     before = ""
-    for name, kind, value, default in rows:
+    for name, kind, value, default in chosen:
         number, layout = _TYPES[kind]
-        kept = 0
-        while kept < min(len(name), len(before)) and name[kept] == before[kept]:
-            kept += 1
-        kept = min(kept, len(name) - 1)
+        common = 0
+        while common < min(len(name) - 1, len(before)) and name[common] == before[common]:
+            common += 1
         value_bytes = _value(layout, value)
-        also = _value(layout, default) if with_defaults and not same_value(value, default) else b""
-        head = bytes((number | (0x10 if also else 0), kept | (len(name) - kept - 1) << 4))
-        entry = head + name[kept:].encode("ascii") + value_bytes + also
-        across = (_HEADER.size + len(data) + len(entry)) % piece
+        with_default = query.with_defaults and not same_value(value, default)
+        default_bytes = _value(layout, default) if with_default else b""
+        head = bytes((number | (0x10 if with_default else 0), common | (len(name) - common - 1) << 4))
+        entry = head + name[common:].encode("ascii") + value_bytes + default_bytes
+        # Zeros before the entry keep its value within one piece.
+        across = (len(data) + len(entry)) % piece
         if len(value_bytes) > 1 and 0 < across < len(value_bytes):
             data += bytes(len(value_bytes) - across)
         data += entry
@@ -102,7 +99,7 @@ class PackedParameters:
         self._query = query
         self._content = b""
         if query.start >= len(self._rows):
-            raise OSError(errno.EINVAL, f"param.pck: start={query.start}, and there are {len(self._rows)}")
+            raise OSError(errno.EINVAL, f"param.pck: start={query.start}, but there are only {len(self._rows)}")
 
     @property
     def size(self) -> int:

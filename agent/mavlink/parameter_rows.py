@@ -53,7 +53,7 @@ def within(row: Parameter, value: float) -> float:
         raise ParameterError(f"{row.name} = {value:g} is not a whole number; use {row.low:g} to {row.high:g}{unit}")
     if row.choices and value not in row.choices:
         known = ", ".join(map(str, (choice for choice in row.choices if row.low <= choice <= row.high)))
-        raise ParameterError(f"{row.name} = {value:g} stands for nothing; use one of {known}")
+        raise ParameterError(f"{row.name} = {value:g} is not one of the choices; use one of {known}")
     return float(min(max(value, row.low), row.high))
 
 

@@ -200,27 +200,23 @@ class ParameterServer:
         try:
             self._set_value(name, message.param_value)
         except ValueError as error:
+            replies = [*self._refused(str(error)), *value]
+            if came_as_mavlink1(message):  # which has no PARAM_ERROR
+                return replies
             if index is None:
-                why = mav.MAV_PARAM_ERROR_DOES_NOT_EXIST
+                reason = mav.MAV_PARAM_ERROR_DOES_NOT_EXIST
             elif name in self._read_only:
-                why = mav.MAV_PARAM_ERROR_READ_ONLY
+                reason = mav.MAV_PARAM_ERROR_READ_ONLY
             else:
-                why = mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
-            return [*self._refused(str(error)), *value, *_error(message, int(why))]
+                reason = mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+            sender, raw_name = (message.get_srcSystem(), message.get_srcComponent()), name.encode("ascii", "replace")
+            return [*replies, mav.MAVLink_param_error_message(*sender, raw_name, -1, int(reason))]
         return [] if index is None else [self._message(index)]
 
     def _message(self, index: int) -> Any:
         name = self._names[index]
         value, kind = self._value(name), self._types[name]
         return mav.MAVLink_param_value_message(name.encode("ascii"), value, kind, len(self._names), index)
-
-
-def _error(message: Any, error: int) -> Messages:
-    """Return PARAM_ERROR to the sender. MAVLink 1 has no such message."""
-    if came_as_mavlink1(message):
-        return []
-    name = message.param_id.encode("ascii", "replace")
-    return [mav.MAVLink_param_error_message(message.get_srcSystem(), message.get_srcComponent(), name, -1, error)]
 
 
 def bytewise_value(message: Any) -> float:
@@ -244,7 +240,7 @@ def bytewise_field(value: float, param_type: int) -> float:
             raise ValueError
         return float(struct.unpack("<f", struct.pack(layout, int(value)))[0])
     except (struct.error, ValueError, OverflowError):
-        raise ValueError(f"{value:g} is no value of this whole-number parameter; use a whole number") from None
+        raise ValueError(f"{value:g} is not a value of this integer parameter; use a whole number") from None
 
 
 def as_float32(value: float) -> float:
@@ -255,6 +251,6 @@ def as_float32(value: float) -> float:
         return math.copysign(math.inf, value)
 
 
-def same_value(one: float, other: float) -> bool:
+def same_value(a: float, b: float) -> bool:
     """Whether two values are the same 32-bit float."""
-    return as_float32(one) == as_float32(other)
+    return as_float32(a) == as_float32(b)

@@ -84,7 +84,7 @@ class Estimator:
         self.restarts = 0
         self.imu_accepted = 0
         self._parameters = parameters
-        self._start_over()
+        self._restart()
 
     def configure(self) -> None:
         """Apply changed parameters."""
@@ -103,7 +103,7 @@ class Estimator:
         self._attitude.configure(p["AHRS_RP_P"], p["AHRS_YAW_P"])
         self._filter.configure(p)
 
-    def _start_over(self) -> None:
+    def _restart(self) -> None:
         p = self._parameters
         self.frame: LocalProjection | None = None
         self._alignment = InitialAlignment()
@@ -139,21 +139,22 @@ class Estimator:
             return False
         state = self._state
         if state is None:
-            return self._level(sample)
+            return self._align(sample)
         step_ns = sample.stamp_ns - state.stamp_ns
         if not 0 < step_ns <= _GAP_NS:
-            return self._bridge(state, sample, step_ns)
+            return self._resume(state, sample, step_ns)
         self._stamps_refused = 0
         self._state = state = propagate(
             state, sample, self._attitude.rate_offset_frd_radps, self._acceleration_bias_ned, self._gravity_mps2
         )
         self._history.append(state)
         if sample.stamp_ns >= self._housekeeping_ns:
-            self._keep_house(state)
+            self._update_slowly(state)
         self.imu_accepted += 1
         return True
 
-    def _level(self, sample: ImuMeasurement) -> bool:
+    def _align(self, sample: ImuMeasurement) -> bool:
+        """Average until the initial attitude is available."""
         state = self._alignment.add(sample, self._declination_rad)
         if state is not None:
             self._state = state
@@ -165,7 +166,7 @@ class Estimator:
         self.imu_accepted += 1
         return True
 
-    def _bridge(self, state: InertialState, sample: ImuMeasurement, step_ns: int) -> bool:
+    def _resume(self, state: InertialState, sample: ImuMeasurement, step_ns: int) -> bool:
         """Continue from the last attitude after a gap.
 
         Refuse any other stamp, and restart after 200 consecutive refusals.
@@ -175,7 +176,7 @@ class Estimator:
             self._stamps_refused += 1
             if self._stamps_refused >= _RESTART_AFTER:
                 self.restarts += 1
-                self._start_over()
+                self._restart()
             return False
         gap_s = step_ns * 1e-9
         travelled = (state.vel_north_mps * gap_s, state.vel_east_mps * gap_s, 0.0)
@@ -189,7 +190,7 @@ class Estimator:
         self.imu_accepted += 1
         return True
 
-    def _keep_house(self, state: InertialState) -> None:
+    def _update_slowly(self, state: InertialState) -> None:
         """Settle the gains, and continue without GNSS or compass when they have no data. Called five times a second."""
         stamp_ns = state.stamp_ns
         self._housekeeping_ns = stamp_ns + _HOUSEKEEPING_NS
@@ -253,7 +254,7 @@ class Estimator:
             first_lon = self._origin_fixes[0][1]
             lat, lon, alt = (sum(column) / _ORIGIN_FIXES for column in zip(*self._origin_fixes))
             # A mean across the date line would be on the other side of the Earth.
-            self._count_from(lat, lon if abs(lon - first_lon) < 1.0 else first_lon, alt)
+            self._start_frame(lat, lon if abs(lon - first_lon) < 1.0 else first_lon, alt)
         frame = self.frame
         assert frame is not None
         north, east = frame.to_local(sample.lat_deg, sample.lon_deg)
@@ -336,7 +337,10 @@ class Estimator:
         self._filter.ratios = self._filter.ratios._replace(heading=ratio)
         used_ns = self._heading_used_ns
         if used_ns is None or sample.stamp_ns - used_ns > _RESET_NS:
-            self._turn(error_rad)
+            # Set the heading. The stored accelerations and sums are no longer valid.
+            self._state = turn_heading(state, error_rad)
+            self._history.restart(self._state)
+            self._fix = None
             self._heading_used_ns = sample.stamp_ns
         elif ratio <= 1.0:
             dt_s = min((sample.stamp_ns - (last_ns or sample.stamp_ns)) * 1e-9, 0.2)
@@ -344,13 +348,6 @@ class Estimator:
                 self._attitude.heading(state, error_rad, dt_s)
             self._heading_used_ns = sample.stamp_ns
         return True
-
-    def _turn(self, angle_rad: float) -> None:
-        """Set the heading. The stored accelerations and sums are no longer valid."""
-        if self._state is not None:
-            self._state = turn_heading(self._state, angle_rad)
-            self._history.restart(self._state)
-            self._fix = None
 
     # -- barometer
 
@@ -434,34 +431,34 @@ class Estimator:
         state = self._state
         if state is None:
             return (ArmingProblem("AHRS", "AHRS: EKF3 not started"),)
-        found = []
+        problems = []
         now_ns, ratios = state.stamp_ns, self._filter.ratios
         if now_ns - self._levelled_ns < _SETTLE_NS:
-            found.append(ArmingProblem("AHRS", "AHRS: Not healthy"))
+            problems.append(ArmingProblem("AHRS", "AHRS: Not healthy"))
         if self._heading_ns is None or now_ns - self._heading_ns > _SECOND_NS:
-            found.append(ArmingProblem("Compass", "Compass not healthy"))
+            problems.append(ArmingProblem("Compass", "Compass not healthy"))
         elif ratios.heading > 1.0:
-            found.append(ArmingProblem("Compass", f"AHRS: Mag yaw error x={ratios.heading:.1f}"))
+            problems.append(ArmingProblem("Compass", f"AHRS: Mag yaw error x={ratios.heading:.1f}"))
         if self._fix_seen_ns is None or now_ns - self._fix_seen_ns > 2 * _SECOND_NS:
-            found.append(ArmingProblem("GPS", "GPS 1: Bad fix"))
+            problems.append(ArmingProblem("GPS", "GPS 1: Bad fix"))
         elif self._fix_problem:
-            found.append(ArmingProblem("GPS", self._fix_problem))
+            problems.append(ArmingProblem("GPS", self._fix_problem))
         elif not self.position_valid():
-            found.append(ArmingProblem("EKF", "Need Position Estimate"))
+            problems.append(ArmingProblem("EKF", "Need Position Estimate"))
         elif max(ratios[:3]) > 1.0:
-            found.append(ArmingProblem("EKF", "AHRS: EKF3 core 0 unhealthy"))
+            problems.append(ArmingProblem("EKF", "AHRS: EKF3 core 0 unhealthy"))
         if self._barometer.stamp_ns is None or now_ns - self._barometer.stamp_ns > _SECOND_NS:
-            found.append(ArmingProblem("Baro", "Baro: not healthy"))
-        return tuple(found)
+            problems.append(ArmingProblem("Baro", "Baro: not healthy"))
+        return tuple(problems)
 
     def set_origin(self, lat_deg: float, lon_deg: float, alt_m: float) -> bool:
         """Set the origin of local positions before the first fixes define it. Return False when it exists already."""
         if self.frame is not None:
             return False
-        self._count_from(lat_deg, lon_deg, alt_m)
+        self._start_frame(lat_deg, lon_deg, alt_m)
         return True
 
-    def _count_from(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
+    def _start_frame(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
         self.frame = LocalProjection(lat_deg, lon_deg, alt_m)
         self._gravity_mps2 = normal_gravity_mps2(lat_deg)
 

@@ -70,15 +70,16 @@ class AxisCovariance(NamedTuple):
 
 
 class AxisNoise(NamedTuple):
-    """Spectral densities of white noise on acceleration (m²/s³) and on the bias's rate (m²/s⁵), and time constant of
-    the drift.
-    """
+    """Process noise of one axis."""
 
     acceleration_psd: float
+    """Spectral density of white noise on the acceleration, m²/s³."""
     bias_psd: float
+    """Spectral density of white noise on the rate of the bias, m²/s⁵."""
     drift_s: float
+    """Time constant of the drift."""
 
-    def kept(self, dt_s: float) -> float:
+    def drift_left(self, dt_s: float) -> float:
         """Remaining part of a drift after `dt_s`."""
         return math.exp(-dt_s / self.drift_s)
 
@@ -87,7 +88,7 @@ def predict_covariance(c: AxisCovariance, dt_s: float, noise: AxisNoise, drift_v
     """Return the covariance `dt_s` later. The drift is a Gauss-Markov process with this stationary variance."""
     pp, pv, pb, pd, vv, vb, vd, bb, bd, dd = c
     half = 0.5 * dt_s * dt_s
-    keep = noise.kept(dt_s)
+    keep = noise.drift_left(dt_s)
     # Rows of F P, with F = [1 dt -dt²/2; 0 1 -dt; 0 0 1], and the drift's `keep`.
     fpp = pp + dt_s * pv - half * pb
     fpv = pv + dt_s * vv - half * vb
@@ -165,12 +166,12 @@ def fuse_position(c: AxisCovariance, fix: FixVariances, innovations: tuple[float
     A position outside the gate may be a jump of the drift, for example when a satellite sets or a reflection begins.
     Then the drift becomes unknown and absorbs the jump. A position still farther off is refused.
     """
-    found = fuse(c, c.of_fix, fix.white_m2, innovations, gate2)
-    if found.ratio <= 1.0:
-        return found
+    fusion = fuse(c, c.of_fix, fix.white_m2, innovations, gate2)
+    if fusion.ratio <= 1.0:
+        return fusion
     jumped = c._replace(dd=c.dd + fix.drift_m2)
-    found = fuse(jumped, jumped.of_fix, fix.white_m2, innovations, gate2)
-    return found if found.ratio <= 1.0 else found._replace(covariance=c)
+    fusion = fuse(jumped, jumped.of_fix, fix.white_m2, innovations, gate2)
+    return fusion if fusion.ratio <= 1.0 else fusion._replace(covariance=c)
 
 
 class InnovationRatios(NamedTuple):
@@ -324,7 +325,7 @@ class PositionFilter:
         noise = self._noise._replace(acceleration_psd=self._noise.acceleration_psd + _MANOEUVRE_S * lasting2)
         self._horizontal = predict_covariance(_coasting(self._horizontal, dt_s), dt_s, noise, drift_m2)
         self._horizontal_ns = stamp_ns
-        keep = self._noise.kept(dt_s)
+        keep = self._noise.drift_left(dt_s)
         north_m, east_m, down_m = self._drift_ned_m
         self._drift_ned_m = (keep * north_m, keep * east_m, down_m)
 
@@ -337,7 +338,7 @@ class PositionFilter:
         self._vertical = predict_covariance(self._vertical, dt_s, self._noise, drift_m2)
         self._vertical_ns = stamp_ns if self._vertical_ns is None else max(stamp_ns, self._vertical_ns)
         north_m, east_m, down_m = self._drift_ned_m
-        self._drift_ned_m = (north_m, east_m, self._noise.kept(dt_s) * down_m)
+        self._drift_ned_m = (north_m, east_m, self._noise.drift_left(dt_s) * down_m)
 
 
 def _coasting(c: AxisCovariance, dt_s: float) -> AxisCovariance:

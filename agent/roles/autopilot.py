@@ -95,7 +95,7 @@ class AutopilotRole(Role):
             self._log.start(self._clock.now_ns(), self._lockstep)
         executor.add("control", LOOP_HZ, self._control, urgent=True)
         if self._log is not None:
-            executor.add("log", LOOP_HZ, self._keep)
+            executor.add("log", LOOP_HZ, self._write_log)
 
     def end_run(self, now_ns: int) -> Sequence[Message]:
         """End the run: disarm, because the host no longer simulates."""
@@ -127,7 +127,7 @@ class AutopilotRole(Role):
             self._send(self._actuators_message(self._clock.now_ns()))
         self._controlled_ns = now_ns
 
-    def _keep(self, now_ns: int) -> None:
+    def _write_log(self, now_ns: int) -> None:
         assert self._log is not None
         self._log.log_cycle(self._controlled_ns, self._autopilot, self._actuators)
         self._log_events(self._log, now_ns)

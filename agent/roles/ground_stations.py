@@ -25,7 +25,7 @@ FEWEST_BYTES = 128
 DATAGRAMS = 4
 DATAGRAM_BYTES = 2048  # longer than any datagram of a station
 QUIET_NS = 3_000_000_000  # a station sends a heartbeat once a second
-LOOK_AGAIN_S = 0.5
+CHECK_AGAIN_S = 0.5
 BULK = 2  # messages of lists and files, in addition to telemetry, for a line with a capacity
 SILENCE_NS = 1_000_000_000
 STUCK_NS = 10_000_000_000  # a station that accepts nothing for this time is dropped
@@ -72,7 +72,7 @@ class GroundStations:
         self._made = 0
         self._turned_away = self._dropped = self._sent = self._unsent = self._skipped = self._refused = 0
         self._unpackable = self._exhausted = 0
-        self._spoke_ns = time.monotonic_ns()
+        self._sent_ns = time.monotonic_ns()
         try:
             for url in urls:
                 self._open(url)
@@ -114,13 +114,13 @@ class GroundStations:
     @property
     def counters(self) -> StationCounters:
         """Counts so far."""
-        counted = [client.link.counters for client in self._clients]
+        counters = [client.link.counters for client in self._clients]
         return StationCounters(
             len(self._clients),
             self._turned_away,
             self._dropped,
-            self._sent + sum(one.sent for one in counted),
-            self._unsent + sum(one.unsent for one in counted),
+            self._sent + sum(counter.sent for counter in counters),
+            self._unsent + sum(counter.unsent for counter in counters),
             self._skipped + sum(client.skipped for client in self._clients),
             self._refused + sum(client.refused for client in self._clients),
             self._unpackable + sum(client.unpackable for client in self._clients),
@@ -128,9 +128,9 @@ class GroundStations:
 
     def descriptors(self) -> list[int]:
         """Descriptors that become readable when there is something to do."""
-        found = [client.transport.fileno() for client in self._clients]
-        found += [listener.fileno() for listener in self._listeners]
-        return [descriptor for descriptor in found if descriptor is not None]
+        descriptors = [client.transport.fileno() for client in self._clients]
+        descriptors += [listener.fileno() for listener in self._listeners]
+        return [descriptor for descriptor in descriptors if descriptor is not None]
 
     def attach(self, hub: MavlinkHub) -> None:
         """Serve this vehicle from now on."""
@@ -145,19 +145,19 @@ class GroundStations:
         for client in self._clients:
             client.receive(clock)
         now_ns = time.monotonic_ns()
-        for client in [one for one in self._clients if one.is_gone(now_ns)]:
-            self._let_go(client)
+        for client in [client for client in self._clients if client.is_gone(now_ns)]:
+            self._drop(client)
 
     def telemetry(self, now_ns: int) -> None:
         """Send the messages that are due to every station. Called once a cycle."""
-        self._spoke_ns = time.monotonic_ns()
+        self._sent_ns = time.monotonic_ns()
         for client in self._clients:
             client.telemetry(now_ns)
 
     def keep_alive(self, now_ns: int) -> None:
         """Continue the heartbeat while the vehicle's clock is stopped."""
-        if time.monotonic_ns() - self._spoke_ns >= SILENCE_NS:
-            self._spoke_ns = time.monotonic_ns()
+        if time.monotonic_ns() - self._sent_ns >= SILENCE_NS:
+            self._sent_ns = time.monotonic_ns()
             for client in self._clients:
                 client.heartbeat(now_ns)
 
@@ -173,21 +173,23 @@ class GroundStations:
     def _accept(self, listener: TcpListener) -> None:
         idle = None
         if len(self._clients) >= MOST_CLIENTS:
-            stations = [one for one in self._clients if isinstance(one.transport, TcpAccepted)]
+            stations = [client for client in self._clients if isinstance(client.transport, TcpAccepted)]
             if len(stations) >= MOST_CLIENTS:
-                idle = min(stations, key=lambda one: one.heard_ns)  # 0 if it never sent a frame; the oldest is first
+                idle = min(
+                    stations, key=lambda station: station.heard_ns
+                )  # 0 if it never sent a frame; the oldest is first
                 if time.monotonic_ns() - idle.heard_ns < QUIET_NS:
-                    listener.pause(LOOK_AGAIN_S)
+                    listener.pause(CHECK_AGAIN_S)
                     return
         called = listener.accept()
         if called is None:
             if listener.exhausted != self._exhausted:
                 self._exhausted = listener.exhausted
-                self._warn("No descriptor left: stations that call wait")
+                self._warn("No file descriptor left: new stations must wait")
             return
         if idle is not None:
-            self._warn(f"Station {idle.name} made room: it was idle")
-            self._let_go(idle)
+            self._warn(f"Idle station {idle.name} dropped for a new one")
+            self._drop(idle)
         sock, peer = called
         transport = TcpAccepted(sock, listener.address, peer)
         transport.chunks = 1
@@ -196,7 +198,7 @@ class GroundStations:
 
     def _share(self) -> None:
         """Share the number of bytes to read per cycle among the stations."""
-        stations = [one.transport for one in self._clients if isinstance(one.transport, TcpAccepted)]
+        stations = [client.transport for client in self._clients if isinstance(client.transport, TcpAccepted)]
         for transport in stations:
             transport.chunk_bytes = max(min(CHUNK_BYTES, BYTES_A_CYCLE // len(stations)), FEWEST_BYTES)
 
@@ -204,7 +206,7 @@ class GroundStations:
         if self._hub is not None:
             self._hub.warn(sentence)
 
-    def _let_go(self, client: GroundStation) -> None:
+    def _drop(self, client: GroundStation) -> None:
         counters = client.link.counters
         self._sent += counters.sent
         self._unsent += counters.unsent
@@ -235,7 +237,7 @@ class GroundStation:
         self._channel: MavlinkChannel | None = None
         self._unanswered = 0  # of earlier channels
         self._stuck_ns: int | None = None
-        self._said_signature = False
+        self._reported_signature = False
 
     @property
     def transport(self) -> Transport:
@@ -271,8 +273,8 @@ class GroundStation:
             replies = channel.handle(message, clock())
             if replies:
                 self._send(replies)
-        if self.link.refused_signature and not self._said_signature:
-            self._said_signature = True
+        if self.link.refused_signature and not self._reported_signature:
+            self._reported_signature = True
             channel.autopilot.events.add(WARNING, f"Frames from {self.name} refused: not signed with our key")
 
     def telemetry(self, now_ns: int) -> None:
@@ -282,7 +284,11 @@ class GroundStation:
         if self._is_stuck():
             self.skipped += 1
             return
-        messages = self._channel.poll(now_ns, self._room())
+        # A line with a capacity accepts only a few messages of lists and files at once.
+        room = None
+        if self.transport.capacity_bps is not None:
+            room = 0 if self.link.waiting else BULK
+        messages = self._channel.poll(now_ns, room)
         if messages:
             self._send(messages)
 
@@ -312,12 +318,6 @@ class GroundStation:
             self._channel.close()
             self._channel = None
         self.transport.close()
-
-    def _room(self) -> int | None:
-        """Number of list and file messages that a line with a capacity accepts at once, None without a capacity."""
-        if self.transport.capacity_bps is None:
-            return None
-        return 0 if self.link.waiting else BULK
 
     def _is_stuck(self) -> bool:
         return isinstance(self.transport, TcpTransport) and self.transport.stuck

@@ -117,7 +117,7 @@ class Storage:
             try:
                 _write(self.path, contents)
             except OSError as error:
-                self._problem = f"{self.path}: not written ({error.strerror}); what was set is lost at a restart"
+                self._problem = f"{self.path}: not written ({error.strerror}); the settings will be lost at a restart"
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()
@@ -131,13 +131,13 @@ def _write(path: Path, contents: _Contents) -> None:
         "mission": [item._asdict() for item in contents.mission],
         "fence": [item._asdict() for item in contents.fence],
     }
-    beside = path.with_name(path.name + ".new")
-    with beside.open("w") as file:
+    new = path.with_name(path.name + ".new")
+    with new.open("w") as file:
         json.dump(document, file, indent=1)
         file.write("\n")
         file.flush()
         os.fsync(file.fileno())
-    beside.replace(path)
+    new.replace(path)
 
 
 def _read(path: Path) -> _Contents:
@@ -145,7 +145,7 @@ def _read(path: Path) -> _Contents:
         text = read_text(path)
     except FileNotFoundError:
         if not path.parent.is_dir():
-            raise StorageError(f"{path}: there is no folder {path.parent}; make it or choose another file") from None
+            raise StorageError(f"{path}: there is no folder {path.parent}; create it or choose another file") from None
         return _Contents({}, (), ())
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not text"
@@ -163,7 +163,7 @@ def _read(path: Path) -> _Contents:
         if isinstance(error, StorageError):
             raise
         reason = f"{type(error).__name__}: {error}"
-        raise StorageError(f"{path}: is no storage file ({reason}); move it away to start afresh") from None
+        raise StorageError(f"{path}: is not a storage file ({reason}); move it away to start with defaults") from None
 
 
 def _mission_item(fields: Any) -> MissionItem:

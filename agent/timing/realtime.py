@@ -82,7 +82,7 @@ def lock_memory() -> str:
     """Lock all pages in memory once they are touched, future ones too (mlockall with MCL_ONFAULT)."""
     advice = "start as root or set LimitMEMLOCK=infinity in the systemd unit"
     if not _may_lock_all():
-        return f"memory is not locked (the limit is below what may be needed later); {advice}"
+        return f"memory is not locked (the limit is finite and may be too low later); {advice}"
     import ctypes
 
     try:
@@ -134,5 +134,5 @@ def pin(cpus: Sequence[int]) -> str:
         return ""
     for thread in _threads():
         os.sched_setaffinity(thread, before)
-    wanted, there = (", ".join(map(str, some)) for some in (missing, sorted(before)))
-    return f"not pinned: processor {wanted} cannot be had; use one of {there}"
+    wanted, available = (", ".join(map(str, some)) for some in (missing, sorted(before)))
+    return f"not pinned: processor {wanted} is not available; use one of {available}"

@@ -117,7 +117,10 @@ class ClockSync:
             float(t1_ns - zero), float(t4_ns - zero), float(t2_ns - t1_ns - offset), float(t3_ns - t4_ns - offset)
         )
         self._newest_ns = max(self._newest_ns, sample.returned_ns)
-        violates = len(self._history) >= 2 * PENDING and self._violates(sample)
+        below_ns = self._upper_ns + self._slope * sample.sent_ns - sample.there_ns
+        above_ns = sample.back_ns - self._lower_ns - self._slope * sample.returned_ns
+        tolerance_ns = max(SMALLEST_STEP_NS, self._residual_ns, self._uneven_ns)
+        violates = len(self._history) >= 2 * PENDING and max(below_ns, above_ns) > tolerance_ns
         if not violates and not self._pending:
             self._history.append(sample)
             self._since_fit += 1
@@ -128,18 +131,12 @@ class ClockSync:
         if sum(bad for _, bad in self._pending) >= VIOLATIONS:
             self._steps += 1
             self._history.clear()
-            self._take_pending(keep_violating=True)
+            self._resolve_pending(keep_violating=True)
         elif len(self._pending) >= PENDING:
-            self._take_pending(keep_violating=False)
+            self._resolve_pending(keep_violating=False)
         return True
 
-    def _violates(self, sample: _Sample) -> bool:
-        tolerance_ns = max(SMALLEST_STEP_NS, self._residual_ns, self._uneven_ns)
-        below_ns = self._upper_ns + self._slope * sample.sent_ns - sample.there_ns
-        above_ns = sample.back_ns - self._lower_ns - self._slope * sample.returned_ns
-        return max(below_ns, above_ns) > tolerance_ns
-
-    def _take_pending(self, keep_violating: bool) -> None:
+    def _resolve_pending(self, keep_violating: bool) -> None:
         for sample, violates in self._pending:
             if keep_violating or not violates:
                 self._history.append(sample)
@@ -158,7 +155,7 @@ class ClockSync:
         likeliest = max(lines, key=_Line.at_start).start
         excess_ns = sorted(_excesses(samples, likeliest))
         rank = max(len(excess_ns) // DENSITY_SHARE, 1)
-        seen, error = _weighed_slope(lines, likeliest, rank / (2.0 * max(excess_ns[rank], 1.0)))
+        seen, error = _weighted_slope(lines, likeliest, rank / (2.0 * max(excess_ns[rank], 1.0)))
         settled = span_ns**4 / (span_ns**4 + SETTLING_NS**4)
         self._slope = slope = seen * settled
         self._slope_error = error * settled + abs(seen) * (1.0 - settled)
@@ -187,18 +184,18 @@ class ClockSync:
     def _offset_at(self, local_ns: float) -> float:
         return 0.5 * (self._upper_ns + self._lower_ns) + self._slope * local_ns
 
-    def _need_ready(self) -> None:
+    def _check_ready(self) -> None:
         if not self._history:
-            raise ValueError("clock sync: no exchange has come back yet; add one before asking for a time")
+            raise ValueError("clock sync: there is no exchange yet; add one before you convert a time")
 
     def to_remote(self, local_ns: int) -> int:
         """Remote time at a local time. Raises ValueError before the first sample."""
-        self._need_ready()
+        self._check_ready()
         return local_ns + self._offset_zero_ns + round(self._offset_at(float(local_ns - self._local_zero_ns)))
 
     def to_local(self, remote_ns: int) -> int:
         """Local time at a remote time. Raises ValueError before the first sample."""
-        self._need_ready()
+        self._check_ready()
         guess_ns = remote_ns - self._offset_zero_ns
         shift_ns = self._offset_at(float(guess_ns - self._local_zero_ns)) / (1.0 + self._slope)
         return guess_ns - round(shift_ns)
@@ -206,7 +203,7 @@ class ClockSync:
     @property
     def estimate(self) -> SyncEstimate:
         """Relation at the newest sample. Raises ValueError before the first."""
-        self._need_ready()
+        self._check_ready()
         return SyncEstimate(
             offset_ns=self._offset_zero_ns + round(self._offset_at(self._newest_ns)),
             drift_ppm=self._slope * 1e6,
@@ -271,8 +268,8 @@ def _lines(there: list[Point], back: list[Point], limit: float) -> list[_Line]:
             j -= 1
 
 
-def _slope(one: Point, other: Point) -> float:
-    return (other[1] - one[1]) / (other[0] - one[0])
+def _slope(start: Point, end: Point) -> float:
+    return (end[1] - start[1]) / (end[0] - start[0])
 
 
 def _excesses(samples: Sequence[_Sample], slope: float) -> list[float]:
@@ -283,7 +280,7 @@ def _excesses(samples: Sequence[_Sample], slope: float) -> list[float]:
     return [value - floor_there for value in there] + [value - floor_back for value in back]
 
 
-def _weighed_slope(lines: list[_Line], likeliest: float, per_ns: float) -> tuple[float, float]:
+def _weighted_slope(lines: list[_Line], likeliest: float, per_ns: float) -> tuple[float, float]:
     """Mean and standard deviation of the slopes, weighted by exp(gap * per_ns), in closed form.
 
     The likeliest slope has the widest gap.

@@ -147,7 +147,7 @@ class Executor:
         if not 0.0 < rate_hz <= 1e6:
             raise ValueError(f"task {name}: rate_hz = {rate_hz} is not a rate; use a number above 0 up to 1e6")
         if any(task.name == name for task in self._tasks):
-            raise ValueError(f"task {name}: the name is taken; give each task its own")
+            raise ValueError(f"task {name}: another task has this name; choose another name")
         task = _Task(name, rate_hz, function, self.clock.now_ns())
         self._tasks.append(task)
         if urgent:
@@ -171,7 +171,9 @@ class Executor:
 
     def _run(self, tasks: list[_Task], now_ns: int) -> int:
         if now_ns < self._last_ns:
-            self._step_back(now_ns)
+            self.steps_back += 1
+            for task in self._tasks:
+                task.shift(now_ns - self._last_ns)
         self._last_ns = now_ns
         ran = 0
         for task in tasks:
@@ -179,11 +181,6 @@ class Executor:
                 task.run(self.clock, self.misses)
                 ran += 1
         return ran
-
-    def _step_back(self, now_ns: int) -> None:
-        self.steps_back += 1
-        for task in self._tasks:
-            task.shift(now_ns - self._last_ns)
 
     def clock_stepped(self, ahead_ns: int) -> None:
         """Handle a clock that was set ahead. The deadlines move with it, because a clock step is not a late task."""
@@ -263,8 +260,7 @@ class TaskMisses:
 
     def drain(self, most: int) -> list[TaskMiss]:
         """Return the oldest misses, at most `most`."""
-        kept = self._kept
-        return [kept.popleft() for _ in range(min(most, len(kept)))]
+        return [self._kept.popleft() for _ in range(min(most, len(self._kept)))]
 
     def clear(self) -> None:
         """Reset to the initial state."""

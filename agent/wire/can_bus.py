@@ -153,28 +153,24 @@ def read_can_settings(url: SplitResult, listen: bool) -> CanSettings:
     bitrate = whole_number(url, "bitrate", keys.pop("bitrate", None), 5_000, 1_000_000, EXAMPLE)
     data_bitrate = whole_number(url, "data_bitrate", keys.pop("data_bitrate", bitrate), bitrate, 20_000_000, EXAMPLE)
     if not fd and data_bitrate != bitrate:
-        raise BadUrlError(where, "data_bitrate is for CAN FD alone", "add fd=true or drop it")
+        raise BadUrlError(where, "data_bitrate needs CAN FD", "add fd=true or leave data_bitrate out")
     default = (LISTENER, CALLER) if listen else (CALLER, LISTENER)
     node = whole_number(url, "node", keys.pop("node", default[0]), 0, NODES - 1, EXAMPLE)
     peer = whole_number(url, "peer", keys.pop("peer", default[1]), 0, NODES - 1, EXAMPLE)
     if node == peer:
-        raise BadUrlError(where, f"node and peer are both {node}", "give each end a number of its own")
+        raise BadUrlError(where, f"node and peer are both {node}", "give the two ends different numbers")
     if url.netloc == "udp_multicast":
         keys.setdefault("hop_limit", 0)
+    is_number = channel.isascii() and channel.isdigit() and url.netloc != "virtual"
+    is_device = "/" in channel
     return CanSettings(
         interface=url.netloc,
-        channel=_channel(url.netloc, channel),
+        channel=f"/{channel}" if is_device else int(channel) if is_number else channel,
         line=CanLine(bitrate, fd, data_bitrate if fd else 0),
         node=node,
         peer=peer,
         extra=keys,
     )
-
-
-def _channel(interface: str, channel: str) -> str | int:
-    if "/" in channel:  # a device
-        return f"/{channel}"
-    return int(channel) if channel.isascii() and channel.isdigit() and interface != "virtual" else channel
 
 
 VIRTUAL_QUEUE = 4096
@@ -234,11 +230,16 @@ def _arguments(settings: CanSettings) -> dict[str, Any]:
 
 
 def _explained(error: BaseException, settings: CanSettings, where: str) -> TransportError:
-    number = _number(error)
     channel = settings.channel
+    # The system's error number may be only in an error that caused this one.
+    number: Any = None
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(number, int):
+        number = getattr(cause, "errno", None) or getattr(cause, "error_code", None)
+        cause = cause.__cause__
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return AddressUnavailableError(
-            where, f"there is no {channel} on this machine", "plug the adapter in and look for its name with ip link"
+            where, f"this machine has no {channel}", "plug the adapter in and find its name with ip link"
         )
     if number == errno.EAFNOSUPPORT:
         return AddressUnavailableError(
@@ -252,15 +253,6 @@ def _explained(error: BaseException, settings: CanSettings, where: str) -> Trans
         return AddressInUseError(where, "the channel is in use by another program", "stop it or choose another channel")
     reason = str(error).rstrip(".") or type(error).__name__
     return TransportError(where, f"cannot be opened ({reason})", "check interface, channel and bit rates")
-
-
-def _number(error: BaseException | None) -> int | None:
-    while error is not None:
-        number = getattr(error, "errno", None) or getattr(error, "error_code", None)
-        if isinstance(number, int):
-            return number
-        error = error.__cause__
-    return None
 
 
 BATCH = 4096  # CAN frames per receive(), so that a flood does not block the caller
@@ -378,20 +370,17 @@ class CanTransport(Transport):
         return True
 
     def receive(self, timeout_s: float = 0.0) -> list[bytes]:
-        chunks = self._drain()
+        chunks: list[bytes] = []
+        self._drain(chunks, 0.0)
         until_s, left_s = monotonic() + timeout_s, timeout_s
         while not chunks and left_s > 0.0:
             wake_s = self.wake_s()
-            self._drain_into(chunks, left_s if wake_s is None else min(left_s, wake_s))
+            self._drain(chunks, left_s if wake_s is None else min(left_s, wake_s))
             left_s = until_s - monotonic()
         return chunks
 
-    def _drain(self) -> list[bytes]:
-        chunks: list[bytes] = []
-        self._drain_into(chunks, 0.0)
-        return chunks
-
-    def _drain_into(self, chunks: list[bytes], timeout_s: float) -> None:
+    def _drain(self, chunks: list[bytes], timeout_s: float) -> None:
+        """Append the received chunks to `chunks`. Wait for the first CAN frame at most `timeout_s`."""
         if not self._ready():
             sleep(timeout_s)
             return

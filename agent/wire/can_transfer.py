@@ -151,16 +151,16 @@ class Reassembler:
             self.foreign += identifier >> 11 & 0xFFFF != self._own
             return None
         number, index = identifier >> 6 & TRANSFERS - 1, identifier & 0x3F
-        self._place(transfers, number, now_s)
+        self._drop_old(transfers, number, now_s)
         payload = transfers.done.get(number)
         if payload is not None:
             if payload[index * size : index * size + len(data)] == data:
                 self.repeated += 1
                 return None
             self._restart_at(transfers, number)  # the number is reused
-        return self._put(transfers, number, index, data, fd, now_s)
+        return self._store(transfers, number, index, data, fd, now_s)
 
-    def _place(self, transfers: _Transfers, number: int, now_s: float) -> None:
+    def _drop_old(self, transfers: _Transfers, number: int, now_s: float) -> None:
         """Drop transfers that are too old to belong to transfer `number`."""
         heard_s, transfers.heard_s = transfers.heard_s, now_s
         if heard_s is None or now_s - heard_s > SILENCE_S:
@@ -177,13 +177,16 @@ class Reassembler:
         for old in [old for old in transfers.done if (number - old) % TRANSFERS >= _WINDOW]:
             del transfers.done[old]
         for old in [old for old in transfers.open if (number - old) % TRANSFERS >= _WINDOW]:
-            self._give_up(transfers, old)
+            self._abandon(transfers, old)
 
-    def _give_up(self, transfers: _Transfers, number: int) -> None:
+    def _abandon(self, transfers: _Transfers, number: int) -> None:
         del transfers.open[number]
         self.incomplete += 1
 
-    def _put(self, transfers: _Transfers, number: int, index: int, data: bytes, fd: bool, now_s: float) -> bytes | None:
+    def _store(
+        self, transfers: _Transfers, number: int, index: int, data: bytes, fd: bool, now_s: float
+    ) -> bytes | None:
+        """Store a part of transfer `number`. Return the chunk that it completes, if any."""
         open_ = transfers.open.get(number)
         if open_ is not None:
             known = open_.parts.get(index)
@@ -191,11 +194,11 @@ class Reassembler:
                 self.repeated += 1
                 return None
             if known is not None or open_.fd != fd or now_s - open_.since_s > OPEN_S:  # the number is reused
-                self._give_up(transfers, number)
+                self._abandon(transfers, number)
                 open_ = None
         if open_ is None:
             if len(transfers.open) >= MOST_OPEN:
-                self._give_up(transfers, next(iter(transfers.open)))
+                self._abandon(transfers, next(iter(transfers.open)))
             open_ = transfers.open[number] = _Open(fd, now_s)
         open_.parts[index] = data
         return self._completed(transfers, number, open_)
@@ -214,17 +217,10 @@ class Reassembler:
         del transfers.open[number]
         payload = b"".join(open_.parts[index] for index in sorted(open_.parts))
         last = open_.parts[max(open_.parts)]
-        if (
-            not fits
-            or len(payload) != (count - 1) * size + len(last)
-            or len(last) != _last_bytes(total, size, open_.fd)
-        ):
+        before_last = (count - 1) * size
+        last_bytes = padded(total - before_last) if open_.fd else total - before_last
+        if not fits or len(payload) != before_last + len(last) or len(last) != last_bytes:
             self.malformed += 1
             return None
         transfers.done[number] = payload
         return payload[HEADER_BYTES:total]
-
-
-def _last_bytes(total: int, size: int, fd: bool) -> int:
-    rest = total - (-(-total // size) - 1) * size
-    return padded(rest) if fd else rest

@@ -62,9 +62,9 @@ class Packer:
     """Makes frames of one sender. `sequence` is the next sequence number. With `mavlink1` the frames are MAVLink 1."""
 
     def __init__(self, system_id: int, component_id: int, signing: Outgoing | None = None) -> None:
-        for what, value in (("system_id", system_id), ("component_id", component_id)):
+        for name, value in (("system_id", system_id), ("component_id", component_id)):
             if not 0 <= value <= 255:
-                raise ValueError(f"link: {what} = {value} does not fit a byte; use 1 to 255")
+                raise ValueError(f"link: {name} = {value} does not fit a byte; use 1 to 255")
         self.sequence = 0
         self.mavlink1 = False
         self.system_id = system_id
@@ -82,11 +82,13 @@ class Packer:
     def pack_prepared(self, prepared: Prepared) -> bytes:
         """Return the next frame, from a prepared message."""
         message, payload = prepared
-        number, crc_extra, *_ = _PACKING[type(message)]
+        number, crc_extra, _, _, _, size = _PACKING[type(message)]
         sequence = self.sequence
-        if self.mavlink1:
+        if self.mavlink1:  # without the extensions, and with trailing zeros
+            payload = payload[:size].ljust(size, b"\0")
+            body = bytes((size, sequence, self.system_id, self.component_id, number[0])) + payload
             self.sequence = (sequence + 1) & 0xFF
-            return _mavlink1_frame(prepared, (sequence, self.system_id, self.component_id))
+            return _MAGIC_1_BYTE + body + checksum(body + crc_extra)
         body = bytes((len(payload), self._flags, 0, sequence, self.system_id, self.component_id)) + number + payload
         frame = _MAGIC_BYTE + body + checksum(body + crc_extra)
         self.sequence = (sequence + 1) & 0xFF
@@ -96,16 +98,6 @@ class Packer:
 def fits_mavlink1(message: Message) -> bool:
     """Whether the message has a MAVLink 1 number."""
     return message.get_msgId() <= 255
-
-
-def _mavlink1_frame(prepared: Prepared, sender: tuple[int, int, int]) -> bytes:
-    """Return a frame without the extensions. sender: sequence number, system, component."""
-    message, payload = prepared
-    packing = _PACKING[type(message)]
-    size = packing.mavlink1_bytes
-    payload = payload[:size].ljust(size, b"\0")
-    body = bytes((size, *sender, packing.number[0])) + payload
-    return _MAGIC_1_BYTE + body + checksum(body + packing.crc_extra)
 
 
 def frame_sequence(frame: bytes) -> int:
@@ -154,14 +146,12 @@ class _Packing(NamedTuple):
     """Payload size in MAVLink 1."""
 
 
-def _is_text(kind: Any, name: str) -> bool:
-    index = kind.fieldnames.index(name)
-    return bool(kind.fieldtypes[index] == "char" and kind.array_lengths[kind.orders[index]])
-
-
 def _packing(kind: Any) -> _Packing:
-    # A text field has a decoded value for the reader, and the raw value under another name.
-    names = [f"_{name}_raw" if _is_text(kind, name) else name for name in kind.ordered_fieldnames]
+    names = []
+    for name in kind.ordered_fieldnames:
+        index = kind.fieldnames.index(name)
+        is_text = kind.fieldtypes[index] == "char" and kind.array_lengths[kind.orders[index]]
+        names.append(f"_{name}_raw" if is_text else name)  # without `_raw`, a text field has its decoded value
     of_names = attrgetter(*names)
     lengths = None if all(count == 1 for count in kind.lengths) else tuple(kind.lengths)
     fields = of_names if len(names) > 1 else lambda message: (of_names(message),)

@@ -177,12 +177,10 @@ class Framer:
 
     def _next_magic(self, data: bytes, at: int) -> int:
         """Return the next possible start of a frame, the end of the data for none."""
-        size = len(data)
-        found = data.find(_MAGIC_BYTE, at)
+        starts = [data.find(_MAGIC_BYTE, at)]
         if self._mavlink1:
-            other = data.find(_MAGIC_1_BYTE, at)
-            found = max(found, other) if min(found, other) < 0 else min(found, other)
-        return size if found < 0 else found
+            starts.append(data.find(_MAGIC_1_BYTE, at))
+        return min([start for start in starts if start >= 0], default=len(data))
 
 
 def _as_mavlink2(frame: bytes) -> bytes:

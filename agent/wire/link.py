@@ -120,13 +120,13 @@ __all__ = ["DATAGRAM_BYTES", "Link", "LinkCounters", "Tap"]
 
 Tap = Callable[[str, bytes], None]
 
-_STANDING = {XITL_RUN_COMMAND_START: SenderStatus.STARTS, XITL_RUN_COMMAND_STOP: SenderStatus.LEAVES}
+_STATUS = {XITL_RUN_COMMAND_START: SenderStatus.STARTS, XITL_RUN_COMMAND_STOP: SenderStatus.LEAVES}
 
 
-def _standing(messages: list[Message]) -> SenderStatus:
+def _status(messages: list[Message]) -> SenderStatus:
     for message in messages:
         if isinstance(message, MAVLink_xitl_run_message):
-            return _STANDING.get(message.command, SenderStatus.HEARD)
+            return _STATUS.get(message.command, SenderStatus.HEARD)
     return SenderStatus.HEARD
 
 
@@ -213,17 +213,17 @@ class Link:
         self._sent = self._unsent = self._received = self._bytes_out = self._refused_before = 0
         self._strangers = self._strangers_before = 0
         self._waiting: WaitingMessages | None = None
-        self._take = transport.receive
+        self._receive = transport.receive
         self._until_s = 0.0
         if transport.capacity_bps is not None:
             self._waiting = WaitingMessages(transport, self._hand_on_prepared)
-            self._take = self._take_and_flush
+            self._receive = self._flush_and_receive
 
     def go_through(self, transport: Transport) -> None:
         """Send and receive by another transport that leads to the present one."""
         self.transport = transport
         if self._waiting is None:
-            self._take = transport.receive
+            self._receive = transport.receive
         else:
             self._waiting.transport = transport
 
@@ -250,7 +250,7 @@ class Link:
         if self._packer.mavlink1:
             for message, _ in messages:
                 if not fits_mavlink1(message):
-                    raise MessageRefusedError(f"{message.get_type()}: MAVLink 1, which the other end speaks, has none")
+                    raise MessageRefusedError(f"{message.get_type()}: the other end uses MAVLink 1, which lacks it")
         if self._waiting is not None:
             return self._waiting.send(messages)
         packer = self._packer
@@ -263,16 +263,15 @@ class Link:
         """
         if self._waiting is not None:
             return self.send(*messages)
-        return self._send_frames([self._packer_of(message).pack_prepared(prepare(message)) for message in messages])
-
-    def _packer_of(self, message: Message) -> Packer:
-        """Return the packer for the sender of a message."""
-        sender = (message.get_srcSystem(), message.get_srcComponent())
-        packer = self._others.get(sender)
-        if packer is None:
-            signing = None if self._signing is None else self._signing.outgoing(self._link_id)
-            packer = self._others[sender] = Packer(*sender, signing)
-        return packer
+        frames = []
+        for message in messages:
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            packer = self._others.get(sender)
+            if packer is None:
+                signing = None if self._signing is None else self._signing.outgoing(self._link_id)
+                packer = self._others[sender] = Packer(*sender, signing)
+            frames.append(packer.pack_prepared(prepare(message)))
+        return self._send_frames(frames)
 
     def _send_frames(self, frames: list[bytes]) -> bool:
         if len(frames) == 1:
@@ -321,7 +320,7 @@ class Link:
         transport, note, tap = self.transport, self._sequence.note, self.tap
         messages: list[Message] = []
         while True:
-            for index, chunk in enumerate(self._take(timeout_s)):
+            for index, chunk in enumerate(self._receive(timeout_s)):
                 frames = self._framer.feed(chunk)
                 if self._signing is not None:
                     accepted = [frame for frame in frames if self._signing.accepts(frame)]
@@ -332,11 +331,11 @@ class Link:
                     self.passed += len(frames) - len(heard)
                 else:
                     heard = list(map(decode, frames))
-                if frames and self._asks_sender and not transport.accept_sender(index, _standing(heard)):
+                if frames and self._asks_sender and not transport.accept_sender(index, _status(heard)):
                     self._strangers += len(frames)
                     continue
                 if self._may_be_mavlink1 and frames:
-                    self._choose_version(frames)
+                    self._packer.mavlink1 = self._may_be_mavlink1 = all(map(is_mavlink1, frames))
                 for frame in frames:
                     note(frame[5], frame[6], frame[4], frame[-2:])
                     if tap is not None:
@@ -351,13 +350,7 @@ class Link:
         self._received += len(messages)
         return messages
 
-    def _choose_version(self, frames: list[bytes]) -> None:
-        if all(map(is_mavlink1, frames)):
-            self._packer.mavlink1 = True
-        else:
-            self._packer.mavlink1 = self._may_be_mavlink1 = False
-
-    def _take_and_flush(self, timeout_s: float = 0.0) -> list[bytes]:
+    def _flush_and_receive(self, timeout_s: float = 0.0) -> list[bytes]:
         assert self._waiting is not None
         self._until_s = monotonic() + timeout_s
         while True:

@@ -79,7 +79,7 @@ def memory_pair(name: str = "pair", capacity: int = 4096) -> tuple[MemoryTranspo
     A chunk beyond that is not sent, and the sender counts it.
     """
     if capacity < 1:
-        raise ValueError(f"memory_pair: capacity = {capacity} holds nothing; use at least 1")
+        raise ValueError(f"memory_pair: capacity = {capacity} is too small; use at least 1")
     there, back = _Queue(capacity), _Queue(capacity)
     a, b = f"memory://{name}/a", f"memory://{name}/b"
     return MemoryTransport(a, b, there, back), MemoryTransport(b, a, back, there)

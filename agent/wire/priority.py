@@ -57,18 +57,18 @@ class WaitingMessages:
             number = prepared[0].get_msgId()
             if number in URGENT and not self._in_order and number != dialect.MAVLINK_MSG_ID_XITL_TICK:
                 if self._urgent or not self._hand_on(prepared):
-                    self._keep(self._urgent, prepared, MOST_URGENT)
+                    self._queue(self._urgent, prepared, MOST_URGENT)
                 continue
             if number == dialect.MAVLINK_MSG_ID_XITL_TICK:
                 self._in_order = True
-            self._keep(self._waiting, prepared, MOST_WAITING)
+            self._queue(self._waiting, prepared, MOST_WAITING)
             if number == dialect.MAVLINK_MSG_ID_XITL_RUN:  # lockstep ends with this message, and not before
                 self.flush()
                 self._in_order = False
         self.flush()
         return self.given_up == given_up
 
-    def _keep(self, queue: deque[Prepared], prepared: Prepared, most: int) -> None:
+    def _queue(self, queue: deque[Prepared], prepared: Prepared, most: int) -> None:
         if len(queue) >= most:
             queue.popleft()
             self.given_up += 1
@@ -86,16 +86,13 @@ class WaitingMessages:
     def flush(self) -> None:
         """Send the messages that the line has room for."""
         waiting, transport = self._waiting, self.transport
-        self._refused = not self._pass_on(self._urgent)
+        while self._urgent and self._hand_on(self._urgent[0]):
+            self._urgent.popleft()
+        self._refused = bool(self._urgent)
         while waiting and not self._refused and (self._in_order or transport.backlog_s() < FULL_S):
             self._refused = not self._hand_on(waiting[0])
             if not self._refused:
                 waiting.popleft()
-
-    def _pass_on(self, queue: deque[Prepared]) -> bool:
-        while queue and self._hand_on(queue[0]):
-            queue.popleft()
-        return not queue
 
     def wake_s(self) -> float | None:
         """Seconds until the next useful call of `flush`, None when nothing waits."""

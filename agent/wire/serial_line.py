@@ -100,16 +100,13 @@ class SerialTransport(Transport):
         chunks = self._drain()
         until_s, left_s = monotonic() + timeout_s, timeout_s
         while not chunks and left_s > 0.0:
-            self._wait(left_s)
+            if self._port is None:
+                sleep(min(left_s, max(self._next_try_s - monotonic(), 0.0)))
+            else:
+                select.select([self._port.fd], [self._port.fd] if self._rest else (), (), left_s)
             chunks = self._drain()
             left_s = until_s - monotonic()
         return chunks
-
-    def _wait(self, timeout_s: float) -> None:
-        if self._port is None:
-            sleep(min(timeout_s, max(self._next_try_s - monotonic(), 0.0)))
-            return
-        select.select([self._port.fd], [self._port.fd] if self._rest else (), (), timeout_s)
 
     def _drain(self) -> list[bytes]:
         chunks: list[bytes] = []
@@ -174,7 +171,7 @@ def device_and_baud(url: SplitResult) -> tuple[str, int]:
     """Return device and baud rate of a serial URL. Raises BadUrlError."""
     where = url_text(url)
     if url.netloc:
-        raise BadUrlError(where, f"{url.netloc} stands where nothing may stand", EXAMPLE)
+        raise BadUrlError(where, f"serial:// takes no host ({url.netloc})", EXAMPLE)
     device = unquote(url.path)
     if not device.strip("/"):
         raise BadUrlError(where, "the device is missing", EXAMPLE)
@@ -219,7 +216,7 @@ def _explained(error: Exception, device: str, where: str) -> TransportError:
     number = getattr(error, "errno", None)
     if number in (errno.ENOENT, *_GONE):
         return AddressUnavailableError(
-            where, f"there is no {device} on this machine", "plug it in, or look for its name with ls /dev/tty*"
+            where, f"this machine has no {device}", "plug the device in, or find its name with ls /dev/tty*"
         )
     if number in (errno.EBUSY, errno.EAGAIN):
         return AddressInUseError(where, "the port is in use by another program", "stop it or choose another port")

@@ -37,7 +37,7 @@ def read_key(text: str, source: str) -> bytes:
     """
     line = text.strip()
     if not line:
-        raise SigningKeyError(f"{source}: holds no signing key; write 64 hexadecimal digits or a passphrase")
+        raise SigningKeyError(f"{source}: contains no signing key; write 64 hexadecimal digits or a passphrase")
     if len(line) == 2 * KEY_BYTES:
         try:
             return bytes.fromhex(line)
@@ -71,35 +71,33 @@ def read_key_file(path: str, option: str) -> bytes:
     return read_key(text, path)
 
 
-def _trusted_users() -> tuple[int, ...]:
-    """Ids of root, this user, and the user who became root by sudo."""
-    behind = os.environ.get("SUDO_UID", "")
-    return (0, os.geteuid(), *((int(behind),) if os.geteuid() == 0 and behind.isdecimal() else ()))
-
-
 def _check_private(path: str, status: os.stat_result) -> None:
     """Raise SigningKeyError when a user other than root may read, write or replace the key.
 
     status: of the file that was read. Its group may read it, for a service with its own group.
     """
-    trusted = _trusted_users()
+    trusted = {0, os.geteuid()}  # root and this user
+    sudo_user = os.environ.get("SUDO_UID", "")
+    if os.geteuid() == 0 and sudo_user.isdecimal():
+        trusted.add(int(sudo_user))
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise SigningKeyError(f"{path}: others may write this signing key; run `chmod 600 {path}`")
     if status.st_mode & stat.S_IROTH:
         raise SigningKeyError(f"{path}: others may read this signing key; run `chmod 600 {path}`")
     if status.st_uid not in trusted:
-        raise SigningKeyError(f"{path}: this signing key belongs to another user; make a copy that is yours")
-    for named in (os.path.abspath(path), os.path.realpath(path)):  # noqa: PTH100
-        for folder in Path(named).parents:
+        raise SigningKeyError(f"{path}: this signing key belongs to another user; make a copy that you own")
+    for place in (os.path.abspath(path), os.path.realpath(path)):  # noqa: PTH100
+        for folder in Path(place).parents:
             try:
-                found = folder.stat()
+                folder_status = folder.stat()
             except OSError as error:
-                raise SigningKeyError(f"{folder}: cannot be seen ({error.strerror}); move the signing key") from None
-            shared = bool(found.st_mode & stat.S_IWOTH) and not found.st_mode & stat.S_ISVTX
-            if shared or found.st_uid not in trusted:
+                raise SigningKeyError(f"{folder}: cannot be read ({error.strerror}); move the signing key") from None
+            mode = folder_status.st_mode
+            shared = bool(mode & stat.S_IWOTH) and not mode & stat.S_ISVTX
+            if shared or folder_status.st_uid not in trusted:
                 raise SigningKeyError(
                     f"{path}: others may replace this signing key, because they may write {folder}; "
-                    "move it to a directory of yours"
+                    "move it to a directory that only you may write"
                 )
 
 

@@ -22,7 +22,7 @@ CHUNK_BYTES = 1 << 16
 CHUNKS = 16  # per receive(), so that a flood does not block the caller
 RETRY_S = 0.5
 WAITING = 16  # connections that the system holds until they are accepted
-LOOK_S = 0.1  # interval of checks for other callers while a peer is connected
+CHECK_S = 0.1  # interval of checks for other callers while a peer is connected
 IDLE_S = 1.5  # a silent peer gives way after this time
 EXHAUSTED_S = 1.0  # pause after a call found no free descriptor
 
@@ -274,7 +274,7 @@ class TcpPeerOfListener(TcpTransport):
         self._listener = listener
         self._clock_s = clock_s
         self._served = ServedPeer(IDLE_S)
-        self._look_s = 0.0
+        self._next_check_s = 0.0
 
     def _find_peer(self) -> None:
         called = self._listener.accept()
@@ -286,12 +286,13 @@ class TcpPeerOfListener(TcpTransport):
     def _ready(self) -> _Connection | None:
         if self._connection is not None and not self._closed:
             now_s = self._clock_s()
-            if now_s >= self._look_s:
-                self._look_s = now_s + LOOK_S
-                self._meet_others(now_s)
+            if now_s >= self._next_check_s:
+                self._next_check_s = now_s + CHECK_S
+                self._check_callers(now_s)
         return super()._ready()
 
-    def _meet_others(self, now_s: float) -> None:
+    def _check_callers(self, now_s: float) -> None:
+        """Replace the peer when it gives way. Refuse all callers while the peer has an active run."""
         if self._served.gives_way(SenderStatus.HEARD, now_s):
             before = self._connection
             self._find_peer()

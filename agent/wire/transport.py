@@ -154,30 +154,30 @@ class Transport(ABC):
 
     One end is not safe for several threads.
 
-    name: kind of transport, for instance "udp".
     address: URL of this end, for people.
-    stream: False when each `send` arrives as one chunk or not at all; True when chunks may be split and joined.
     unsent: number of failed sends.
-    learns_peer: True when received chunks define the peer.
-    serves_one: True when others wait for the peer to leave; both need `accept_sender`.
-    strangers: datagrams and calls refused unread because their sender is not the peer.
-    stranger: sender of the latest.
-    datagram_bytes: preferred limit of one `send`; a single frame may be longer.
-    capacity_bps: payload capacity of the line in bytes per second, None when the line is not the limit.
-    lossless: True when all sent chunks arrive while the connection lasts.
-    losses: number of lost connections.
     """
 
     name: str = ""
+    """Kind of transport, for instance "udp"."""
     stream: bool = False
+    """False when each `send` arrives as one chunk or not at all; True when chunks may be split and joined."""
     learns_peer: bool = False
+    """True when received chunks define the peer, by `accept_sender`."""
     serves_one: bool = False
+    """True when others wait for the peer to leave, by `accept_sender`."""
     datagram_bytes: int = DATAGRAM_BYTES
+    """Preferred limit of one `send`; a single frame may be longer."""
     capacity_bps: float | None = None
+    """Payload capacity of the line in bytes per second, None when the line is not the limit."""
     strangers: int = 0
+    """Datagrams and calls refused unread because their sender is not the peer."""
     stranger: str = ""
+    """Sender of the latest."""
     lossless: bool = False
+    """True when all sent chunks arrive while the connection lasts."""
     losses: int = 0
+    """Number of lost connections."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -257,9 +257,9 @@ def open_transport(url: str, listen: bool) -> Transport:
     Raises BadUrlError and the other TransportErrors. Port 0 selects any free port for listening, and `address` then
     contains it.
     """
-    scheme, found, _ = url.partition("://")
+    scheme, separator, _ = url.partition("://")
     known = ", ".join(f"{name}://" for name in SCHEMES)
-    if not found:
+    if not separator:
         raise BadUrlError(
             url or "(empty)", "not a transport URL", f"write it like udp://192.168.7.2:14660 (known: {known})"
         )

@@ -30,16 +30,16 @@ def url_text(url: SplitResult) -> str:
 
 def parse_query(url: SplitResult, example: str) -> dict[str, Value]:
     """Return the keys and values of a URL's query. Raises BadUrlError for a repeated key or a missing value."""
-    found: dict[str, Value] = {}
+    values: dict[str, Value] = {}
     try:
         pairs = parse_qsl(url.query, keep_blank_values=True, strict_parsing=bool(url.query), max_num_fields=64)
     except ValueError:
         raise BadUrlError(url_text(url), f"the query {url.query} is not key=value&key=value", example) from None
     for key, text in pairs:
-        if key in found:
-            raise BadUrlError(url_text(url), f"{key} is there twice", "drop one")
-        found[key] = parse_value(text)
-    return found
+        if key in values:
+            raise BadUrlError(url_text(url), f"{key} is given twice", "remove one")
+        values[key] = parse_value(text)
+    return values
 
 
 def parse_value(text: str) -> Value:
@@ -162,7 +162,7 @@ def host_port(url: SplitResult, listen: bool) -> tuple[str, int]:
     if port is None:
         raise BadUrlError(where, "the port is missing", example)
     if port == 0 and not listen:
-        raise BadUrlError(where, "port 0 cannot be reached", "give the port the other end listens on")
+        raise BadUrlError(where, "port 0 cannot be reached", "give the port that the other end listens at")
     for part, text in (
         ("path", url.path.strip("/")),
         ("query", url.query),

@@ -148,7 +148,7 @@ class WindSpec(Specification):
         if self.gust.spectrum not in ("none", "ornstein-uhlenbeck") and self.mean_mps == 0:
             raise SpecificationError(
                 ("mean_mps",),
-                f"= 0 gives the gust spectrum {self.gust.spectrum} nothing to scale with; "
+                f"= 0 does not fit the gust spectrum {self.gust.spectrum}, which scales with it; "
                 "use a mean above 0, or gust.spectrum: none or ornstein-uhlenbeck",
             )
 

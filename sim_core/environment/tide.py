@@ -69,11 +69,11 @@ class Harmonics:
         """Return the sum of constituents. start_utc: None if all have their own speed."""
         arguments = None if start_utc is None else Arguments.at(instant_utc(start_utc))
         rows = []
-        for one in constituents:
-            amplitude = one.amplitude_m if isinstance(one, ConstituentSpec) else one.amplitude_mps
-            speed_degph, phase_rad = one.speed_degph, -math.radians(one.phase_deg)
+        for spec in constituents:
+            amplitude = spec.amplitude_m if isinstance(spec, ConstituentSpec) else spec.amplitude_mps
+            speed_degph, phase_rad = spec.speed_degph, -math.radians(spec.phase_deg)
             if speed_degph is None:
-                known = CONSTITUENTS[one.name]
+                known = CONSTITUENTS[spec.name]
                 assert arguments is not None
                 speed_degph, amplitude = known.speed_degph, amplitude * arguments.factor(known)
                 phase_rad += arguments.phase_rad(known)
@@ -133,12 +133,13 @@ class Interpolation:
 
     @property
     def fastest(self) -> float:
-        found = max(map(abs, self.slopes))
+        fastest = max(map(abs, self.slopes))
         for number in range(len(self.time_s) - 1):
             at_start, linear, square = self._rate_terms(number)
-            if square and 0.0 < (turn := -0.5 * linear / square) < 1.0:
-                found = max(found, abs(at_start + turn * (linear + turn * square)))
-        return found
+            turn = -0.5 * linear / square if square else 0.0  # at which the rate has its extremum
+            if 0.0 < turn < 1.0:
+                fastest = max(fastest, abs(at_start + turn * (linear + turn * square)))
+        return fastest
 
     def value(self, time_s: float) -> float:
         number, part, step_s = self._piece(time_s)

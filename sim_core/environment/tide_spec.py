@@ -36,7 +36,7 @@ def problem_of_instant(value: object) -> str | None:
             return None
     except (ValueError, OverflowError):
         pass
-    return "is no instant; write a UTC date and time, such as 2026-03-01T06:00:00Z"
+    return "is not a date and time; write a UTC date and time, such as 2026-03-01T06:00:00Z"
 
 
 def problem_of_time(value: object) -> str | None:
@@ -44,7 +44,7 @@ def problem_of_time(value: object) -> str | None:
     if isinstance(value, str):
         return problem_of_instant(value)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        return "is no time; write seconds since the start, or UTC such as 2026-03-01T06:00:00Z"
+        return "is not a time; write seconds since the start, or UTC such as 2026-03-01T06:00:00Z"
     return None
 
 
@@ -83,7 +83,7 @@ class StreamConstituentSpec(Specification):
 def _check_speed(name: str, speed_degph: float | None) -> None:
     if name in CONSTITUENTS and speed_degph is not None:
         raise SpecificationError(
-            ("speed_degph",), f"= {speed_degph:g} is given for {name}, whose speed is known; leave it out"
+            ("speed_degph",), f"= {speed_degph:g} is redundant, because the speed of {name} is known; leave it out"
         )
     if name not in CONSTITUENTS and speed_degph is None:
         close = difflib.get_close_matches(name.upper(), CONSTITUENTS, n=1)
@@ -94,7 +94,7 @@ def _check_speed(name: str, speed_degph: float | None) -> None:
 
 
 def _check_names(constituents: Sequence[ConstituentSpec | StreamConstituentSpec]) -> None:
-    names = [one.name for one in constituents]
+    names = [constituent.name for constituent in constituents]
     for number, name in enumerate(names):
         if name in names[:number]:
             raise SpecificationError(
@@ -103,7 +103,7 @@ def _check_names(constituents: Sequence[ConstituentSpec | StreamConstituentSpec]
 
 
 def _need_start(constituents: Sequence[ConstituentSpec | StreamConstituentSpec]) -> bool:
-    return any(one.speed_degph is None for one in constituents)
+    return any(constituent.speed_degph is None for constituent in constituents)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +129,8 @@ class TideSpec(Specification):
             problem = "has constituents and a table" if self.table else "is empty"
             raise SpecificationError((), f"{problem}; give either constituents, or a table or file")
         _check_names(self.constituents)
-        if self.table:
-            self._check_table()
-
-    def _check_table(self) -> None:
+        if not self.table:
+            return
         if len(self.table) < 2:
             raise SpecificationError(("table",), "has a single row; give at least 2")
         utc = isinstance(self.table[0][0], str)

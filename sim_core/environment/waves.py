@@ -345,9 +345,16 @@ class HullWaves:
 
     def _sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> tuple[Array, Array]:
         vessels, components = len(pos_ned_m), len(self.turns)
+        # Phase at each vessel's origin, reduced to (-pi, pi] in double precision
+        turns = pos_ned_m[:, :2] @ self.turns_per_m
+        turns += self.turns - self.turns_per_s * time_s
+        turns -= np.rint(turns)
+        turns *= 2.0 * math.pi
+        # Phase at the points of the hull
         lever = rot_ned_frd.reshape(vessels, 9)[:, :6].astype(float32) @ self.lever
         wave = lever.reshape(vessels, -1, components)
-        wave += self._phase_at_origin(time_s, pos_ned_m)[:, None, :]
+        wave += turns.astype(float32)[:, None, :]
+        # Sums of the components
         rows = wave.reshape(-1, components)  # one product for all vessels takes half the time of a product per vessel
         cosines = (np.cos(rows) @ self.of_cosines).reshape(vessels, -1)
         np.sin(rows, out=rows)
@@ -355,11 +362,3 @@ class HullWaves:
         over_hull = cosines @ self.over_cosines
         over_hull += sines.reshape(vessels, -1) @ self.over_sines
         return cosines[:, :: self.of_cosines.shape[1]].astype(float64), over_hull.astype(float64)
-
-    def _phase_at_origin(self, time_s: float, pos_ned_m: Array) -> Array32:
-        """Return theta (N, W) in (-pi, pi]."""
-        turns = pos_ned_m[:, :2] @ self.turns_per_m
-        turns += self.turns - self.turns_per_s * time_s
-        turns -= np.rint(turns)
-        turns *= 2.0 * math.pi
-        return turns.astype(float32)

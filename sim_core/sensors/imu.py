@@ -101,7 +101,13 @@ class Imu:
         noise = self._scale * rng.standard_normal((len(truth.acc_ned_mps2), 12))
         error = state.turn_on_bias + state.drifting_bias + noise[:, :6]
         gyro = truth.gyro_frd_radps + error[:, :3]
-        accel = self._specific_force_frd_mps2(truth) + error[:, 3:]
+        # Specific force at the sensor's position: R^T (a - g) + alpha x r + w x (w x r)
+        force: Array = ((truth.acc_ned_mps2 - self._gravity_ned_mps2)[:, None, :] @ truth.rot_ned_frd)[:, 0, :]
+        if self._cross is not None:
+            swing: Array = truth.angular_acc_frd_radps2.dot(self._cross)
+            pull: Array = pair_products(truth.gyro_frd_radps).dot(self._centripetal)
+            force = force + swing + pull
+        accel = force + error[:, 3:]
         sample = ImuSample(
             gyro_frd_radps=self._gyro_output.read(gyro),
             accel_frd_mps2=self._accel_output.read(accel),
@@ -109,17 +115,6 @@ class Imu:
         )
         drifting_bias = self._drift.decay * state.drifting_bias + noise[:, 6:]
         return ImuState(state.turn_on_bias, drifting_bias, state.temperature_degc), sample
-
-    def _specific_force_frd_mps2(self, truth: Kinematics) -> Array:
-        """Return the (N, 3) acceleration of the sensor's position less gravity: `R^T (a - g) + alpha x r + w x (w x
-        r)`.
-        """
-        force: Array = ((truth.acc_ned_mps2 - self._gravity_ned_mps2)[:, None, :] @ truth.rot_ned_frd)[:, 0, :]
-        if self._cross is None:
-            return force
-        swing: Array = truth.angular_acc_frd_radps2.dot(self._cross)
-        pull: Array = pair_products(truth.gyro_frd_radps).dot(self._centripetal)
-        return force + swing + pull
 
 
 def _six(gyro: float, accel: float) -> Array:

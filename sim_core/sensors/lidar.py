@@ -229,6 +229,7 @@ class Lidar:
         """Scan all points from the first instant of the track up to its last. Water and bodies are at the first
         instant.
         """
+        # Rays of the frame
         start_ns, end_ns = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
         interval_s = 1.0 / self._rosette.points_hz
         first = math.ceil(start_ns * 1e-9 / interval_s - 1e-6)
@@ -236,43 +237,47 @@ class Lidar:
         first_s = max(first * interval_s - start_ns * 1e-9, 0.0)
         looking = self._rosette.directions(first, count)
         rays = make_rays(track, self._position, self._mount, looking, first_s, interval_s)
+        # Their ends, in clear air and then in fog and spray
         ends = self._in_the_air(self._targets(rays, caster, bodies, water, rng), rng)
 
+        # Returns within the limits of range and signal, and their noisy ranges
         near, far = ends.range_m < self.spec.min_range_m, ends.range_m > self.spec.max_range_m
         within = ends.seen & ~near & ~far
-        dropped = (
-            within & (rng.random(count, dtype=float32) < self.spec.drop_share)
-            if self.spec.drop_share
-            else ~within & False
-        )
-        kept, measured_m, drowned = self._measured(rays, ends, np.flatnonzero(within & ~dropped), water, rng)
+        dropped = np.zeros(count, np.bool_)
+        if self.spec.drop_share:
+            dropped = within & (rng.random(count, dtype=float32) < self.spec.drop_share)
+        returned, measured_m, drowned = self._measured(rays, ends, np.flatnonzero(within & ~dropped), water, rng)
         nearer = measured_m < self.spec.min_range_m  # the device knows only the measured range
         if nearer.any():
-            kept, measured_m = kept[~nearer], measured_m[~nearer]
+            returned, measured_m = returned[~nearer], measured_m[~nearer]
 
-        points = self._mount.astype(float32) @ looking[:, kept]
+        # Points in body axes, and their intensity
+        points = self._mount.astype(float32) @ looking[:, returned]
         points *= measured_m
         points += self._position.astype(float32)[:, None]
-        strength = ends.albedo[kept] * (FULL_SCALE * self.air.both_ways(measured_m)) * ends.flicker[kept]
+        strength = ends.albedo[returned] * (FULL_SCALE * self.air.both_ways(measured_m)) * ends.flicker[returned]
         intensity = np.rint(np.minimum(strength, float32(255.0))).astype(uint8)
+
+        # Outcomes of all points
         nothing = np.isinf(ends.range_m)
         swallowed = ends.wet & ~(within | near)
         fates = PointFates(
             fired=count,
-            returned=len(kept),
+            returned=len(returned),
             nothing=_count(nothing),
             near=_count(near) + _count(nearer),
             water=_count(swallowed) + drowned,
             weak=_count(~(within | near | swallowed | nothing)),
             dropped=_count(dropped),
-            from_water=_count(ends.wet[kept]),
-            from_fog=_count(ends.fog[kept]),
-            from_spray=_count(ends.spray[kept]),
+            from_water=_count(ends.wet[returned]),
+            from_fog=_count(ends.fog[returned]),
+            from_spray=_count(ends.spray[returned]),
         )
-        return LidarScan(start_ns, np.ascontiguousarray(points.T), rays.later_s[kept], intensity, fates)
+        return LidarScan(start_ns, np.ascontiguousarray(points.T), rays.later_s[returned], intensity, fates)
 
     def _targets(self, rays: Rays, caster: RayCaster, bodies: Bodies, water: WaterSeen, rng: Generator) -> _Ends:
         """Return the target of each ray in clear air."""
+        # The nearer of the first solid hit and the water
         origin, direction, later_s = rays.origin_ned_m, rays.direction_ned, rays.later_s
         still_m = water.distance_m(origin, direction, later_s)
         reach_m = np.minimum(water.certain_m(still_m, direction), float32(self.spec.max_range_m))
@@ -280,13 +285,16 @@ class Lidar:
         water_m = water.hides(origin, direction, later_s, hits.range_m, still_m)
         wet = water_m < hits.range_m
         range_m = np.minimum(water_m, hits.range_m)
+        # Albedo of the solid targets toward the sensor
         albedo = np.zeros(len(range_m), float32)
         solid = np.flatnonzero(~wet & (hits.material >= 0))
         cosine = np.einsum("ni,ni->n", direction.take(solid, 0), hits.normal_ned.take(solid, 0))
         albedo[solid] = _REFLECTIVITY[hits.material[solid]] * np.abs(cosine)
+        # Scintillation
         flicker = rng.standard_normal(len(range_m), dtype=float32)
         flicker *= np.where(wet, float32(_GLITTER), float32(_FLICKER))
         np.exp(flicker, out=flicker)
+        # Albedo of the water, and the range of its waves, only for rays whose return can be strong enough
         steepest = direction[:, 2] + float32(_STEEPER if water.crest_m else 0.0)
         bound = self._signal(steepest * float32(self.water_reflectivity), range_m) * flicker
         bright = np.flatnonzero(wet & (bound > 1.0) & (range_m > 0.0))
@@ -319,23 +327,23 @@ class Lidar:
         return ends
 
     def _measured(
-        self, rays: Rays, ends: _Ends, kept: NDArray[np.intp], water: WaterSeen, rng: Generator
+        self, rays: Rays, ends: _Ends, rows: NDArray[np.intp], water: WaterSeen, rng: Generator
     ) -> tuple[NDArray[np.intp], Array32, int]:
-        """Return the rays of `kept` above the water, their noisy ranges, and the number of rays not above it.
+        """Return the rays of `rows` above the water, their noisy ranges, and the number of rays not above it.
 
         If noise puts a return under water, the noise is removed.
         """
-        range_m = ends.range_m[kept]
-        measured_m = range_m + rng.standard_normal(len(kept), dtype=float32) * float32(self.spec.range_noise_m)
+        range_m = ends.range_m[rows]
+        measured_m = range_m + rng.standard_normal(len(rows), dtype=float32) * float32(self.spec.range_noise_m)
         np.maximum(measured_m, float32(0.0), out=measured_m)
         if not water.crest_m:
-            return kept, np.minimum(measured_m, ends.still_m[kept]), 0
-        down_m = rays.origin_ned_m[:, 2][kept] + rays.direction_ned[:, 2][kept] * measured_m
+            return rows, np.minimum(measured_m, ends.still_m[rows]), 0
+        down_m = rays.origin_ned_m[:, 2][rows] + rays.direction_ned[:, 2][rows] * measured_m
         low = np.flatnonzero(down_m > water.level_down_m - water.crest_m)
-        low = low[_under(water, rays.select(kept[low]), measured_m[low])]
+        low = low[_under(water, rays.select(rows[low]), measured_m[low])]
         measured_m[low] = np.minimum(measured_m[low], range_m[low])
-        drowned = low[_under(water, rays.select(kept[low]), measured_m[low])]
-        return np.delete(kept, drowned), np.delete(measured_m, drowned), len(drowned)
+        drowned = low[_under(water, rays.select(rows[low]), measured_m[low])]
+        return np.delete(rows, drowned), np.delete(measured_m, drowned), len(drowned)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

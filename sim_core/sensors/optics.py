@@ -199,16 +199,19 @@ class WaterSeen:
             start, end = entry[among], range_m[among]
             steps = np.linspace(0.0, 1.0, _SAMPLES + 1, dtype=float32)
             along = start[:, None] + (end - start)[:, None] * steps
-            deep = self._depth_m(origin_ned_m[among], direction_ned[among], later_s[among], along)
-            hidden[among] = _first_under(along, deep)
+            # Depth under the surface at these samples, negative above it
+            places = origin_ned_m[among][:, None] + direction_ned[among][:, None] * along[..., None]
+            surface = self.down_m(places.reshape(-1, 3), np.repeat(later_s[among], along.shape[1]))
+            depth_m = places[..., 2] - surface.reshape(along.shape)
+            # Distance at which the depth becomes positive, between the samples
+            under, rows = depth_m > 0.0, np.arange(len(along))
+            first = np.argmax(under, axis=1)
+            before = np.maximum(first - 1, 0)
+            deep, shallow = depth_m[rows, first], -depth_m[rows, before]
+            share = np.where(first > 0, shallow / np.maximum(shallow + deep, float32(1e-9)), float32(0.0))
+            crossing = along[rows, before] + share * (along[rows, first] - along[rows, before])
+            hidden[among] = np.where(under.any(axis=1), crossing, float32(np.inf)).astype(float32)
         return hidden
-
-    def _depth_m(self, origin: Array32, direction: Array32, later_s: Array32, along: Array32) -> Array32:
-        """Return the (n, j) depth of the rays under the surface at along (n, j), negative above."""
-        places = origin[:, None] + direction[:, None] * along[..., None]
-        surface = self.down_m(places.reshape(-1, 3), np.repeat(later_s, along.shape[1]))
-        depth: Array32 = places[..., 2] - surface.reshape(along.shape)
-        return depth
 
     def under(
         self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32, range_m: Array32
@@ -228,26 +231,14 @@ class WaterSeen:
         """
         if not self.crest_m:
             return range_m, direction_ned[:, 2]
-        found = range_m.copy()
+        surface_m = range_m.copy()
         sinking: Array32 = np.maximum(direction_ned[:, 2], float32(_GRAZING))
         for turn in range(_TURNS):
-            places = origin_ned_m + direction_ned * found[:, None]
+            places = origin_ned_m + direction_ned * surface_m[:, None]
             down_m, north, east = self._surface(places, later_s, slopes=turn > 0).T
             if turn:
                 across = direction_ned[:, 0] * north + direction_ned[:, 1] * east
                 sinking = np.maximum(direction_ned[:, 2] - across, float32(_GRAZING))
-            found -= (places[:, 2] - down_m) / sinking
+            surface_m -= (places[:, 2] - down_m) / sinking
         incidence = sinking / np.sqrt(1.0 + north**2 + east**2)
-        return np.maximum(found - float32(_HAIR_M), 0.0), incidence
-
-
-def _first_under(along: Array32, depth_m: Array32) -> Array32:
-    """Return the (n,) position at which each row of depths becomes positive, between the samples; inf for never."""
-    under = depth_m > 0.0
-    rows = np.arange(len(along))
-    at = np.argmax(under, axis=1)
-    before = np.maximum(at - 1, 0)
-    deep, shallow = depth_m[rows, at], -depth_m[rows, before]
-    share = np.where(at > 0, shallow / np.maximum(shallow + deep, float32(1e-9)), float32(0.0))
-    where = along[rows, before] + share * (along[rows, at] - along[rows, before])
-    return np.where(under.any(axis=1), where, float32(np.inf)).astype(float32)
+        return np.maximum(surface_m - float32(_HAIR_M), 0.0), incidence

@@ -77,29 +77,28 @@ class Rangefinder:
         """Measure one range from the unit's position in `truth`."""
         origin = truth.pos_ned_m + truth.rot_ned_frd @ self._position
         ray = truth.rot_ned_frd @ self._direction
-        distance = np.minimum(self._to_plane_m(origin, ray), self.walls.range_m(origin, ray[:, None])[:, 0])
+        # Range to the level plane, along the part of the beam nearest to the vertical; 0 for a unit beyond the plane
+        plane_down_m = self.bed_down_m
+        if self.spec.through == "air":
+            plane_down_m = self.surface_down_m - (0.0 if self.tide_m is None else self.tide_m())
+        height_m = np.maximum(plane_down_m - origin[:, 2], 0.0)
+        tilt_rad = np.arccos(np.clip(ray[:, 2], -1.0, 1.0))
+        cosine = np.cos(np.maximum(tilt_rad - self._half_beam, 0.0))
+        descends = cosine > 1e-6
+        distance = np.where(descends, height_m / np.where(descends, cosine, 1.0), np.inf)
+        # Range to walls and hulls, along the middle of the beam
+        distance = np.minimum(distance, self.walls.range_m(origin, ray[:, None])[:, 0])
         if self.hulls is not None:
             around = self.hulls(self.spec.max_range_m)
             if around is not OPEN_WATER:
                 distance = np.minimum(distance, around.range_m(origin, ray[:, None])[:, 0])
+        # Noise and resolution
         noise = rng.standard_normal((2, len(distance)))
         nothing = np.isinf(distance)
         finite = np.where(nothing, 0.0, distance)
         measured = finite * (1.0 + self.spec.noise_share * noise[1]) + self.spec.noise_m * noise[0]
         read = self._output.read(np.maximum(measured, 0.0))
         return None, RangefinderSample(np.where(nothing, np.inf, read))
-
-    def _to_plane_m(self, origin_ned_m: Array, ray_ned: Array) -> Array:
-        """Return the (N,) range along the part of the beam nearest to the vertical; 0 for a unit beyond the plane."""
-        plane_down_m = self.bed_down_m
-        if self.spec.through == "air":
-            plane_down_m = self.surface_down_m - (0.0 if self.tide_m is None else self.tide_m())
-        height_m = np.maximum(plane_down_m - origin_ned_m[:, 2], 0.0)
-        tilt_rad = np.arccos(np.clip(ray_ned[:, 2], -1.0, 1.0))
-        cosine = np.cos(np.maximum(tilt_rad - self._half_beam, 0.0))
-        meets = cosine > 1e-6
-        distance: Array = np.where(meets, height_m / np.where(meets, cosine, 1.0), np.inf)
-        return distance
 
 
 SECTORS = 72

@@ -136,6 +136,7 @@ class ScanningSonar:
 
         `rng` draws the position of each ray in its cell of the beam.
         """
+        # The first hit of each ray
         power = np.zeros(settings.samples)
         origin = pos_ned_m + rot_ned_frd @ np.array(self.spec.position_frd_m)
         depth_m = float(origin[2]) - below.surface_down_m
@@ -143,18 +144,20 @@ class ScanningSonar:
             return power  # out of the water
         beam = _beam((self.heading_grad + settings.angle_grad) * _GRAD_RAD, rng)
         rays = beam.direction @ rot_ned_frd.T
-        range_m, backscatter, normal = self._met(origin, rays, depth_m, below)
+        range_m, backscatter, normal = _first_hits(origin, rays, depth_m, below)
         cosine = np.maximum(np.abs((normal * rays).sum(axis=1)), 1e-3)
         # A ray represents a cell of the beam. Over the cell's height, a slanted surface extends this far along the ray.
         slant = (normal * (beam.upward @ rot_ned_frd.T)).sum(axis=1) / cosine
         with np.errstate(invalid="ignore"):
             length_m = np.minimum(np.abs(slant) * range_m * _CELL_RAD, LONGEST_M)
+        # The echo of each part of a cell: Lambert's law, spreading and absorption
         parts_m = range_m + length_m * ((np.arange(_PARTS)[:, None] + rng.random((_PARTS, 1))) / _PARTS - 0.5)
         parts_m = np.maximum(np.nan_to_num(parts_m, nan=np.inf), 1e-2)
         loss_db = 2.0 * absorption_dbpm(settings.frequency_khz, self.spec.water_temperature_c)
         off_db = 6.0 * ((settings.frequency_khz - CENTRE_KHZ) / BAND_KHZ) ** 2
         back = beam.weight * backscatter * cosine / _PARTS
         back = back * 10.0 ** (-0.1 * (loss_db * parts_m + off_db)) / parts_m**2
+        # Sums by sample, and the haze of turbid water
         sample_m = 0.5 * sound_speed_mps(self.spec.water_temperature_c) * settings.sample_period_s
         number = np.minimum(parts_m / sample_m, settings.samples).astype(np.intp)
         power += np.bincount(number.ravel(), back.ravel(), settings.samples + 1)[:-1]
@@ -162,19 +165,20 @@ class ScanningSonar:
         haze_db = WATER_DB - loss_db * middle_m - off_db
         return np.asarray(power + sample_m * 10.0 ** (0.1 * haze_db) / middle_m**2)
 
-    def _met(self, origin: Array, rays: Array, depth_m: float, below: Below) -> tuple[Array, Array, Array]:
-        """Return the first hit of each ray: range (R,), inf for nothing, backscatter (R,) and normal (R, 3)."""
-        direction = rays.astype(np.float32)
-        origins = np.repeat(origin.astype(np.float32)[None, :], len(rays), axis=0)
-        hits = below.caster.cast(origins, direction, below.bodies)
-        range_m, normal = hits.range_m.astype(float64), hits.normal_ned.astype(float64)
-        backscatter = _BACKSCATTER[hits.material]
-        down = rays[:, 2]
-        rising = down < 0.0
-        surface_m = np.where(rising, depth_m / np.where(rising, -down, 1.0), np.inf)
-        nearer = surface_m < range_m
-        normal[nearer] = (0.0, 0.0, 1.0)
-        return np.minimum(range_m, surface_m), np.where(nearer, SURFACE_BACKSCATTER, backscatter), normal
+
+def _first_hits(origin: Array, rays: Array, depth_m: float, below: Below) -> tuple[Array, Array, Array]:
+    """Return the first hit of each ray: range (R,), inf for nothing, backscatter (R,) and normal (R, 3)."""
+    direction = rays.astype(np.float32)
+    origins = np.repeat(origin.astype(np.float32)[None, :], len(rays), axis=0)
+    hits = below.caster.cast(origins, direction, below.bodies)
+    range_m, normal = hits.range_m.astype(float64), hits.normal_ned.astype(float64)
+    backscatter = _BACKSCATTER[hits.material]
+    down = rays[:, 2]
+    rising = down < 0.0
+    surface_m = np.where(rising, depth_m / np.where(rising, -down, 1.0), np.inf)
+    nearer = surface_m < range_m
+    normal[nearer] = (0.0, 0.0, 1.0)
+    return np.minimum(range_m, surface_m), np.where(nearer, SURFACE_BACKSCATTER, backscatter), normal
 
 
 class _Beam(NamedTuple):
@@ -213,9 +217,15 @@ def received(power: Array, settings: PingSettings, rng: Generator) -> NDArray[ui
     The scatterers of each sample have random phases and add up to a Rayleigh amplitude, smoothed over the pulse length.
     The transducer's ringing, the receiver's noise and its gain follow. There is no time-varying gain.
     """
+    # Speckle
     noise = rng.standard_normal((4, settings.samples))
     amplitude = np.sqrt(0.5 * power) * (noise[0] + 1j * noise[1])
-    amplitude = np.convolve(amplitude, np.sqrt(_pulse(settings)), mode="same")
+    # Spread of the power over samples by the length of the pulse, about its middle
+    length = min(max(settings.pulse_s / settings.sample_period_s, 1.0), float(settings.samples // 2))
+    half = math.ceil(0.5 * (length - 1.0))
+    pulse = np.clip(0.5 * length - np.abs(np.arange(-half, half + 1)) + 0.5, 0.0, 1.0)
+    amplitude = np.convolve(amplitude, np.sqrt(pulse), mode="same")
+    # Noise, ringing and gain
     amplitude += math.sqrt(0.5 * 10.0 ** (0.1 * NOISE_DB)) * (noise[2] + 1j * noise[3])
     since_ping_s = (np.arange(settings.samples) + 0.5) * settings.sample_period_s
     ringing_db = RING_DB - RING_DBPS * np.maximum(since_ping_s - settings.pulse_s, 0.0)
@@ -223,14 +233,6 @@ def received(power: Array, settings: PingSettings, rng: Generator) -> NDArray[ui
     level_db = 10.0 * np.log10(np.maximum(level, 1e-30)) + GAIN_DB[settings.gain]
     steps = np.rint((level_db - FLOOR_DB) * (255.0 / SPAN_DB))
     return np.asarray(np.clip(steps, 0.0, 255.0), dtype=uint8)
-
-
-def _pulse(settings: PingSettings) -> Array:
-    """Return the spread of an echo's power over samples by the length of the pulse, about its middle."""
-    length = min(max(settings.pulse_s / settings.sample_period_s, 1.0), float(settings.samples // 2))
-    half = math.ceil(0.5 * (length - 1.0))
-    place = np.arange(-half, half + 1)
-    return np.clip(0.5 * length - np.abs(place) + 0.5, 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,7 +132,7 @@ class RangefinderSpec(Specification):
         if math.hypot(*self.direction_frd) < _SHORTEST_DIRECTION:
             raise SpecificationError(
                 ("direction_frd",),
-                f"= [{', '.join(f'{part:g}' for part in self.direction_frd)}] looks nowhere; "
+                f"= [{', '.join(f'{part:g}' for part in self.direction_frd)}] has no direction; "
                 "use [0, 0, 1] for down, [1, 0, 0] for ahead",
             )
 
@@ -157,7 +157,7 @@ def check_limits(min_range_m: float, max_range_m: float) -> None:
     if min_range_m >= max_range_m:
         raise SpecificationError(
             ("min_range_m",),
-            f"= {min_range_m:g} is not below max_range_m = {max_range_m:g}; lower it, or raise the other",
+            f"= {min_range_m:g} is not below max_range_m = {max_range_m:g}; lower it, or raise max_range_m",
         )
 
 
@@ -249,6 +249,6 @@ class SonarSpec(Specification):
         if not 0.0 <= last_deg - first_deg <= 360.0:
             raise SpecificationError(
                 ("sector_deg",),
-                f"= [{first_deg:g}, {last_deg:g}] does not go clockwise by at most a turn; "
-                "give where it begins on the left first, like [-90, 90]",
+                f"= [{first_deg:g}, {last_deg:g}] does not turn clockwise by at most 360 degrees; "
+                "give the left end first, such as [-90, 90]",
             )

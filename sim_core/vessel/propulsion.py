@@ -13,14 +13,14 @@ V is the speed of advance: the velocity of the propeller along its axis, relativ
 
 An angle delta of a gear turns the thrust to (cos delta, -sin delta). A positive rudder angle moves the trailing edge to
 starboard. At the stern, a positive angle turns the bow to starboard. `make_propulsion` omits the parts that a vessel
-does not have.
+does not have, and adds the actuators of packages.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy import intp
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
+from sim_core.vessel.actuators import Actuator, ActuatorError
 from sim_core.vessel.rudders import Rudders
 from sim_core.vessel.spec import Propeller, VesselSpec
 from sim_core.vessel.windage import AIR_DENSITY_KGPM3
@@ -444,7 +445,76 @@ class SteeredPropulsion:
         return *forces_n, *self.rudders.forces_n(angle[:, gears:], thrust_n, flow)
 
 
-def make_propulsion(model: VesselSpec, water: Water, dt_s: float) -> Propulsion | SteeredPropulsion:
-    """Return the propulsion model that fits the vessel's propellers and rudders."""
-    kind = Propulsion if model.commands == len(model.propellers) else SteeredPropulsion
-    return kind.from_spec(model, water, dt_s)
+@dataclass(frozen=True, slots=True, eq=False)
+class ExtendedPropulsion:
+    """Propellers and rudders together with actuators of packages. The state of the actuators follows that of `own`."""
+
+    own: Propulsion | SteeredPropulsion
+    added: tuple[tuple[str, str, Actuator, slice], ...]
+    """Name, kind, actuator, and columns of state and commands."""
+    own_commands: int
+    wrench: Array
+    """Of `own`, then (6, 6) unit force and moment for each added actuator."""
+
+    @classmethod
+    def from_spec(cls, own: Propulsion | SteeredPropulsion, model: VesselSpec, water: Water, dt_s: float) -> Self:
+        """Make the actuators of the vessel. Raises ActuatorError."""
+        added, first = [], model.own_commands
+        for name, spec in model.actuators.items():
+            kind, last = spec.kind or name, first + len(spec.commands)
+            try:
+                actuator = spec.make(model, water, dt_s)
+            except Exception as error:
+                raise _failure(name, kind, error) from error
+            added.append((name, kind, actuator, slice(first, last)))
+            first = last
+        units = [np.eye(6)] * len(added)
+        return cls(own, tuple(added), model.own_commands, np.concatenate((own.wrench, *units)))
+
+    def spin(self, actuators: Array, command: Array) -> Array:
+        """Return the (N, C) states one step later. Raises ActuatorError."""
+        columns = [self.own.spin(actuators[:, : self.own_commands], command[:, : self.own_commands])]
+        for name, kind, actuator, own in self.added:
+            state = actuators[:, own]
+            try:
+                spun = np.asarray(actuator.spin(state, np.clip(command[:, own], -1.0, 1.0)), dtype=np.float64)
+            except Exception as error:
+                raise _failure(name, kind, error) from error
+            if spun.shape != state.shape:
+                raise ActuatorError(name, kind, f"its spin returned {spun.shape} and must return {state.shape}")
+            columns.append(spun)
+        return np.concatenate(columns, axis=1)
+
+    def terms(
+        self, actuators: Array, nu_r: Array, air_frd_mps: Array, thrust_share: Array | None = None
+    ) -> tuple[Array, ...]:
+        """Return the terms of `own`, then (N, 6) force and moment of each actuator. Raises ActuatorError."""
+        terms = [*self.own.terms(actuators[:, : self.own_commands], nu_r, air_frd_mps, thrust_share)]
+        for name, kind, actuator, own in self.added:
+            try:
+                force = np.asarray(actuator.wrench_frd(actuators[:, own], nu_r, air_frd_mps), dtype=np.float64)
+            except Exception as error:
+                raise _failure(name, kind, error) from error
+            if force.shape != nu_r.shape or not np.isfinite(force).all():
+                problem = f"its wrench_frd returned {force.shape} and must return {nu_r.shape}, all finite"
+                raise ActuatorError(name, kind, problem)
+            terms.append(force)
+        return tuple(terms)
+
+
+def _failure(name: str, kind: str, error: Exception) -> ActuatorError:
+    reason = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    where = "" if trace is None else f", {trace.tb_frame.f_code.co_filename.rpartition('/')[2]}:{trace.tb_lineno}"
+    return ActuatorError(name, kind, f"it failed ({reason}{where})")
+
+
+def make_propulsion(
+    model: VesselSpec, water: Water, dt_s: float
+) -> Propulsion | SteeredPropulsion | ExtendedPropulsion:
+    """Return the propulsion model that fits the vessel's propellers, rudders and added actuators."""
+    kind = Propulsion if model.own_commands == len(model.propellers) else SteeredPropulsion
+    own = kind.from_spec(model, water, dt_s)
+    return ExtendedPropulsion.from_spec(own, model, water, dt_s) if model.actuators else own

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, fields
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from sim_core.keys import (
     Bounds,
@@ -18,6 +18,7 @@ from sim_core.keys import (
     NonNegative,
     Place,
     Positive,
+    RegisteredGroups,
     Required,
     Share,
     Specification,
@@ -433,7 +434,8 @@ class VesselSpec(Specification):
     """The vessel: mass, hulls, hydrodynamics, propellers, rudders and windage.
 
     Commands are the throttles of the propellers in their order, then the steering of those that have a gear, then the
-    rudders; steering is positive for the bow to starboard with the propeller or rudder at the stern.
+    rudders, then the commands of `actuators`; steering is positive for the bow to starboard with the propeller or
+    rudder at the stern.
     """
 
     name: str
@@ -474,6 +476,11 @@ class VesselSpec(Specification):
     ] = None
     propellers: Annotated[tuple[Propeller, ...], Items(1, 16), "port first, then starboard"]
     rudders: Annotated[tuple[Rudder, ...], Items(0, 8)] = ()
+    actuators: Annotated[
+        dict[str, Any],
+        RegisteredGroups("xitl.actuators"),
+        "actuators of packages, by name: [plugins.md](plugins.md#an-actuator); the package has their keys",
+    ] = field(default_factory=dict)
     wind: Annotated[Windage, Required] = Windage()
     battery: Annotated[BatterySpec | None, "null: no battery model"] = None
 
@@ -501,6 +508,21 @@ class VesselSpec(Specification):
         for number, rudder in enumerate(self.rudders):
             if rudder.propeller is not None:
                 self._check_race(("rudders", number), rudder, rudder.propeller)
+
+        self._check_actuators()
+
+    def _check_actuators(self) -> None:
+        """Check the names of the added commands, which come from the code of packages."""
+        for name, one in self.actuators.items():
+            try:
+                commands = tuple(f"{name} {command}".rstrip() for command in one.commands)
+            except Exception as error:
+                reason = " ".join(f"{type(error).__name__}: {error}".split())
+                why = f"has no commands ({reason}); correct its package"
+                raise SpecificationError(("actuators", name), why) from error
+            if twice := next((each for each in commands if self.command_names.count(each) > 1), None):
+                why = f"has a command {twice!r}, which is there twice; rename it"
+                raise SpecificationError(("actuators", name), why)
 
     def _check_inertia(self) -> None:
         """The sum of m r r^T over the body, half the trace less the tensor, is positive semi-definite for any body."""
@@ -652,12 +674,27 @@ class VesselSpec(Specification):
 
     @property
     def commands(self) -> int:
-        """How many: a throttle for each propeller, a steering for each gear, and one for each rudder."""
+        """How many: a throttle for each propeller, a steering for each gear, one for each rudder, and those added."""
         return len(self.command_names)
 
     @property
+    def own_commands(self) -> int:
+        """How many without those of `actuators`."""
+        return len(self._own_command_names)
+
+    @property
     def command_names(self) -> tuple[str, ...]:
-        """Names of the commands in their order: `propeller 0`, `steering 0` for the gear of propeller 0, `rudder 0`."""
+        """Names of the commands in their order: `propeller 0`, `steering 0` for the gear of propeller 0, `rudder 0`.
+
+        The commands of `actuators` follow: `NAME`, or `NAME COMMAND`.
+        """
+        if not self.actuators:
+            return self._own_command_names
+        added = (f"{name} {command}".rstrip() for name, one in self.actuators.items() for command in one.commands)
+        return *self._own_command_names, *added
+
+    @property
+    def _own_command_names(self) -> tuple[str, ...]:
         return (
             *(f"propeller {number}" for number in range(len(self.propellers))),
             *(f"steering {number}" for number, one in enumerate(self.propellers) if one.steering is not None),
@@ -667,7 +704,7 @@ class VesselSpec(Specification):
     @property
     def steering_names(self) -> tuple[str, ...]:
         """The rudders among the commands, then the gears that turn a propeller."""
-        names = self.command_names[len(self.propellers) :]
+        names = self._own_command_names[len(self.propellers) :]
         return tuple(sorted(names, key=lambda name: not name.startswith("rudder")))
 
     def full_angle_deg(self, name: str) -> float:
@@ -692,15 +729,22 @@ class VesselSpec(Specification):
     @property
     def moves_by_sticks(self) -> bool:
         """Whether steering and throttle say all: of two propellers without more, or one with its gear or rudders."""
-        propellers, steering = len(self.propellers), self.commands - len(self.propellers)
+        propellers, steering = len(self.propellers), self.own_commands - len(self.propellers)
+        if self.commands > self.own_commands:
+            return False
         return (propellers, steering) == (2, 0) or (propellers == 1 and steering > 0)
 
     @property
     def command_kinds(self) -> str:
         """Numbers of commands by kind, for error messages: `2 propellers, 1 steering, 2 rudders`."""
-        gears = self.commands - len(self.propellers) - len(self.rudders)
-        counts = (("propeller", len(self.propellers)), ("steering", gears), ("rudder", len(self.rudders)))
-        plural = {"propeller": "s", "steering": "", "rudder": "s"}
+        gears = self.own_commands - len(self.propellers) - len(self.rudders)
+        counts = (
+            ("propeller", len(self.propellers)),
+            ("steering", gears),
+            ("rudder", len(self.rudders)),
+            ("added command", self.commands - self.own_commands),
+        )
+        plural = {"propeller": "s", "steering": "", "rudder": "s", "added command": "s"}
         return ", ".join(f"{count} {kind}{plural[kind] if count > 1 else ''}" for kind, count in counts if count)
 
 

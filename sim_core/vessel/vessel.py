@@ -15,7 +15,7 @@ from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy
 from sim_core.vessel.condition import Condition, healthy, with_row
 from sim_core.vessel.floating import FloatingPose, floating_pose
 from sim_core.vessel.hydrodynamics import Hydrodynamics
-from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
+from sim_core.vessel.propulsion import ExtendedPropulsion, Propulsion, SteeredPropulsion, make_propulsion
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.step_length import check_step_length
 from sim_core.vessel.wave_forces import FLAT, NoWaveForces, WaveForces
@@ -39,7 +39,7 @@ class VesselState:
     motion: Kinematics
     rotor_speed: Array
     """State of the actuators, (N, C) in the order of the commands: fraction of full speed of each propeller, negative
-    in reverse, then fraction of full angle of each gear and rudder.
+    in reverse, then fraction of full angle of each gear and rudder, then the states of added actuators.
     """
     half_change: Array | None = None
     """Half of the last step's change of the velocities by water, air and propellers, (N, 6): linear NED, then angular
@@ -73,7 +73,7 @@ class Vessel:
     dt_s: float
     hydrodynamics: Hydrodynamics
     buoyancy: Buoyancy
-    propulsion: Propulsion | SteeredPropulsion
+    propulsion: Propulsion | SteeredPropulsion | ExtendedPropulsion
     battery: Battery | None
     windage: WindDrag
     wave_forces: WaveForces | NoWaveForces

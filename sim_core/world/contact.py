@@ -64,7 +64,7 @@ class Outline:
             mass_kg=model.mass_kg,
             reach_m=float(np.max(np.hypot(ends[..., 0], ends[..., 1]) + radii[:, None])),
             spheres_frd_m=np.concatenate(spheres),
-            sphere_radius_m=np.repeat(radii, [len(each) for each in spheres]),
+            sphere_radius_m=np.repeat(radii, [len(centres) for centres in spheres]),
         )
 
     @property
@@ -142,8 +142,8 @@ def pressed_n(
     press = np.maximum(stiffness * depth_m - damping * leaving, 0.0)
     sliding = velocity_mps - leaving[:, None] * normal
     speed = np.sqrt(np.vecdot(sliding, sliding))
-    held = np.minimum(FRICTION * press / (speed + SLIDING_MPS), _FRICTION_SHARE * mass_kg / dt_s)
-    force: Array = press[:, None] * normal - held[:, None] * sliding
+    friction = np.minimum(FRICTION * press / (speed + SLIDING_MPS), _FRICTION_SHARE * mass_kg / dt_s)
+    force: Array = press[:, None] * normal - friction[:, None] * sliding
     return force
 
 

@@ -341,6 +341,7 @@ def drift(
     The drag is implicit in the speed, u' = w |w| / (1 + |w| dt / l). A light body in a long step therefore approaches
     the current without overshoot.
     """
+    # Drag along and across the body
     figures, dt_s = debris.figures, dt_ns * 1e-9
     ahead = np.column_stack([np.cos(debris.yaw_rad), np.sin(debris.yaw_rad)])
     aside = np.column_stack([-ahead[:, 1], ahead[:, 0]])
@@ -348,11 +349,15 @@ def drift(
     slip_body = np.column_stack([np.vecdot(slip, ahead), np.vecdot(slip, aside)])
     gain = np.abs(slip_body) * figures.drag_kgpm / figures.masses_kg
     acceleration = slip_body * gain / (1.0 + gain * dt_s)
-    spin = (_eddies(debris, figures) - debris.yaw_rate_radps) / TURN_S
+    # Rotation with the eddies around the body
+    eddy_rad = figures.phases_rad + debris.time_ns * 1e-9 * 2.0 * math.pi / np.array(EDDY_PERIODS_S)
+    spin = (np.sin(eddy_rad) @ np.array(EDDY_RADPS) - debris.yaw_rate_radps) / TURN_S
+    # Push of contacts
     if push is not None:
         pushed = np.column_stack([np.vecdot(push.force_ne_n, ahead), np.vecdot(push.force_ne_n, aside)])
         acceleration += pushed / figures.masses_kg
         spin = spin + push.moment_nm / figures.inertia_kgm2
+    # Velocity, then position; the height follows the surface
     vel_ned_mps = debris.vel_ned_mps.copy()
     vel_ned_mps[:, :2] += dt_s * (acceleration[:, :1] * ahead + acceleration[:, 1:] * aside)
     yaw_rate = debris.yaw_rate_radps + dt_s * spin
@@ -392,13 +397,6 @@ def bodies_at(debris: DebrisState, time_ns: int) -> Bodies:
     rotation[:, 2, 2] = 1.0
     meshes = tuple(body.mesh for body in debris.bodies)
     return Bodies(meshes, debris.pos_ned_m + late_s * debris.vel_ned_mps, debris.vel_ned_mps, rotation)
-
-
-def _eddies(debris: DebrisState, figures: Figures) -> Array:
-    """Return the (B,) rotation rate of the water around each body."""
-    turns = debris.time_ns * 1e-9 * 2.0 * math.pi / np.array(EDDY_PERIODS_S)
-    turning: Array = np.sin(figures.phases_rad + turns) @ np.array(EDDY_RADPS)
-    return turning
 
 
 def capsules_of(debris: DebrisState) -> Capsules:

@@ -29,13 +29,13 @@ def held_by(standing: Capsules, bed: Bed | None, debris: DebrisState, dt_s: floa
     """
     bodies, figures = capsules_of(debris), debris.figures
     # For each touch: body, position, normal and depth.
-    found: list[tuple[Numbers, Array, Array, Array]] = []
+    parts: list[tuple[Numbers, Array, Array, Array]] = []
     if len(standing):
         reach = figures.half_axis_m + figures.radius_m
         body, other = np.nonzero(standing.distance_m(debris.pos_ned_m[:, :2]) < reach[:, None])
         if len(body):
             touch = touches(bodies, standing, body, other)
-            found.append((touch.first, touch.place_ne_m, touch.normal_ne, touch.depth_m))
+            parts.append((touch.first, touch.place_ne_m, touch.normal_ne, touch.depth_m))
     if bed is not None:
         ends = np.concatenate([bodies.from_ne_m, bodies.to_ne_m])
         lowest_m = debris.pos_ned_m[:, 2] - figures.middle_m + figures.draught_m
@@ -47,18 +47,18 @@ def held_by(standing: Capsules, bed: Bed | None, debris: DebrisState, dt_s: floa
             uphill = np.maximum(level, 1e-3)  # a body is not lifted: it is pushed back down the slope
             depth = over[aground] * -normal[:, 2] / uphill
             out = normal[:, :2] / uphill[:, None]
-            found.append((aground % len(bodies), ends[aground], out, np.minimum(depth, 0.5)))
-    if not any(len(each[0]) for each in found):
+            parts.append((aground % len(bodies), ends[aground], out, np.minimum(depth, 0.5)))
+    if not any(len(body) for body, *_ in parts):
         return None
-    body, place, normal, depth = (np.concatenate(column) for column in zip(*found, strict=True))
+    body, place, normal, depth = (np.concatenate(column) for column in zip(*parts, strict=True))
     return holding(debris, body, place, normal, depth, dt_s)
 
 
-def together(one: Push, other: Push | None) -> Push:
+def together(push: Push, other: Push | None) -> Push:
     """Return the sum."""
     if other is None:
-        return one
-    return Push(one.force_ne_n + other.force_ne_n, one.moment_nm + other.moment_nm)
+        return push
+    return Push(push.force_ne_n + other.force_ne_n, push.moment_nm + other.moment_nm)
 
 
 def holding(

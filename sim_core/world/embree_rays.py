@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy import float32, float64, int16
-from numpy.typing import NDArray
+from numpy import float32, int16
 
 from sim_core.frames import Array32
 from sim_core.world.geometry import MATERIALS, Mesh, WorldError
@@ -44,42 +43,27 @@ class EmbreeCaster:
         origin = np.ascontiguousarray(origin_ned_m, dtype=float32)
         direction = np.ascontiguousarray(direction_ned, dtype=float32)
         hits = self._still.cast(origin, direction, reach_m)
-        if bodies.meshes:
-            trees = [self._tree(mesh) for mesh in bodies.meshes]
-            radius_m = np.array([tree.radius_m for tree in trees])
-            for body, rays in rays_near(origin, direction, bodies, radius_m, body_delay_s):
-                delay_s = None if body_delay_s is None else body_delay_s[rays]
-                _meet(trees[body], origin[rays], direction[rays], delay_s, bodies, body, rays, hits)
+        if not bodies.meshes:
+            return hits
+        for mesh in bodies.meshes:
+            if mesh not in self._by_mesh:
+                self._by_mesh[mesh] = _Tree([mesh])
+        trees = [self._by_mesh[mesh] for mesh in bodies.meshes]
+        radius_m = np.array([tree.radius_m for tree in trees])
+        for body, rays in rays_near(origin, direction, bodies, radius_m, body_delay_s):
+            # Cast in the body's axes, and keep the hits that are nearer than the earlier ones
+            rotation = bodies.rot_ned_body[body]
+            relative = origin[rays] - bodies.pos_ned_m[body]
+            if body_delay_s is not None:
+                relative -= body_delay_s[rays, None] * bodies.vel_ned_mps[body]
+            own = trees[body].cast((relative @ rotation).astype(float32), (direction[rays] @ rotation).astype(float32))
+            nearer = own.range_m < hits.range_m[rays]
+            rows = rays[nearer]
+            hits.range_m[rows] = own.range_m[nearer]
+            hits.normal_ned[rows] = own.normal_ned[nearer] @ rotation.T
+            hits.material[rows] = own.material[nearer]
+            hits.body[rows] = body
         return hits
-
-    def _tree(self, mesh: Mesh) -> _Tree:
-        if (tree := self._by_mesh.get(mesh)) is None:
-            tree = self._by_mesh[mesh] = _Tree([mesh])
-        return tree
-
-
-def _meet(
-    tree: _Tree,
-    origin: Array32,
-    direction: Array32,
-    delay_s: Array32 | None,
-    bodies: Bodies,
-    body: int,
-    rays: NDArray[np.intp],
-    hits: Hits,
-) -> None:
-    """Write into `hits` the hits of some rays on one body that are nearer than the earlier hits."""
-    rotation = bodies.rot_ned_body[body]
-    relative = origin - bodies.pos_ned_m[body]
-    if delay_s is not None:
-        relative -= delay_s[:, None] * bodies.vel_ned_mps[body]
-    own = tree.cast((relative @ rotation).astype(float32), (direction @ rotation).astype(float32))
-    nearer = own.range_m < hits.range_m[rays]
-    met = rays[nearer]
-    hits.range_m[met] = own.range_m[nearer]
-    hits.normal_ned[met] = own.normal_ned[nearer] @ rotation.T
-    hits.material[met] = own.material[nearer]
-    hits.body[met] = body
 
 
 class _Tree:
@@ -94,8 +78,10 @@ class _Tree:
         corners = np.concatenate([np.empty((0, 3, 3)), *(mesh.vertices_m[mesh.faces] for mesh in meshes)])
         self.triangles = len(corners)
         self.radius_m = float(np.max(np.linalg.norm(corners, axis=-1), initial=0.0))
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(across, axis=-1, keepdims=True)
         self._normals = np.zeros((self.triangles + 1, 3), dtype=float32)
-        self._normals[:-1] = _unit_normals(corners)
+        self._normals[:-1] = across / np.where(length > 0.0, length, 1.0)  # 0 for a triangle without an area
         kinds = [np.full(len(mesh.faces), MATERIALS.index(mesh.material)) for mesh in meshes]
         self._materials = np.concatenate([*kinds, [-1]]).astype(int16)
         self._scene: Any = None
@@ -119,11 +105,3 @@ class _Tree:
         if away.any():
             normal[away] *= -1.0
         return Hits(range_m, normal, self._materials[triangle], none)
-
-
-def _unit_normals(corners_m: NDArray[float64]) -> NDArray[float64]:
-    """Return the (F, 3) unit normals of triangles (F, 3, 3); 0 for a triangle without an area."""
-    across = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
-    length = np.linalg.norm(across, axis=-1, keepdims=True)
-    unit: NDArray[float64] = across / np.where(length > 0.0, length, 1.0)
-    return unit

@@ -195,7 +195,7 @@ def import_mesh(spec: MeshFileSpec) -> tuple[Mesh, str | None]:
     if extent_m > LARGEST_M:
         warning = f"{path} is {extent_m:.0f} m across; if it is in millimetres, give it scale: {spec.scale / 1000:g}"
     turned = enu_to_ned(own) @ heading_matrix(math.radians(spec.heading_deg)).T
-    material = next(one for one in MATERIALS if one.name == spec.material)
+    material = next(material for material in MATERIALS if material.name == spec.material)
     return Mesh(turned + np.array(spec.position_ned_m), faces, material), warning
 
 
@@ -234,8 +234,12 @@ class Sphere:
         relative = origin_m - self.centre_m
         half = np.einsum("ij,ij->i", relative, direction)
         inner = half**2 - np.einsum("ij,ij->i", relative, relative) + self.radius_m**2
-        range_m = _first(-half, inner)
-        return _of(range_m, (relative + _finite(range_m)[:, None] * direction) / self.radius_m)
+        # The lesser of -half -+ sqrt(inner) that is not behind
+        root = np.sqrt(np.maximum(inner, 0.0))
+        nearest = np.where(-half - root >= 0.0, -half - root, -half + root)
+        hit = (inner >= 0.0) & (nearest >= 0.0)
+        normal = (relative + np.where(hit, nearest, 0.0)[:, None] * direction) / self.radius_m
+        return _of(np.where(hit, nearest, np.inf), normal)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,19 +317,6 @@ class Cylinder:
 
 
 Solid: TypeAlias = Plane | Sphere | Box | Cylinder
-
-
-def _first(middle: Array, inner: Array) -> Array:
-    """Return the lesser of middle -+ sqrt(inner) that is not behind, inf for none."""
-    root = np.sqrt(np.maximum(inner, 0.0))
-    nearest = np.where(middle - root >= 0.0, middle - root, middle + root)
-    first: Array = np.where((inner >= 0.0) & (nearest >= 0.0), nearest, np.inf)
-    return first
-
-
-def _finite(range_m: Array) -> Array:
-    finite: Array = np.where(np.isfinite(range_m), range_m, 0.0)
-    return finite
 
 
 def _of(range_m: Array, normal: Array) -> Meeting:

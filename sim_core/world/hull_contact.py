@@ -135,23 +135,23 @@ def find_close_pairs(hulls: Hulls, north_east_m: Array) -> tuple[Numbers, Number
 
 def find_close_hulls(hulls: Hulls, pairs: tuple[Numbers, Numbers], motion: Kinematics) -> CloseHulls:
     """Return the capsules of vessel pairs that are near each other too; `motion` is of M vessels."""
-    found = [
+    candidates = [
         (first, second)
         for a, b in zip(pairs[0].tolist(), pairs[1].tolist(), strict=True)
         for first in range(hulls.first_hull[a], hulls.first_hull[a + 1])
         for second in range(hulls.first_hull[b], hulls.first_hull[b + 1])
     ]
-    if not found:
+    if not candidates:
         return NOBODY_CLOSE
-    close = _numbered(np.array(found))
+    close = _numbered(np.array(candidates))
     capsules, _ = _capsules(hulls, close, motion, 0.5 * NEAR_M)
     touch = touches(capsules, capsules, close.first, close.second)
     near = np.zeros((len(close.hull), len(close.hull)), bool)
     near[touch.first, touch.second] = True
-    kept = near[close.first, close.second]
-    if not kept.any():
+    chosen = near[close.first, close.second]
+    if not chosen.any():
         return NOBODY_CLOSE
-    return close if kept.all() else _numbered(np.array(found)[kept])
+    return close if chosen.all() else _numbered(np.array(candidates)[chosen])
 
 
 def _numbered(pairs: Numbers) -> CloseHulls:
@@ -162,11 +162,11 @@ def _numbered(pairs: Numbers) -> CloseHulls:
 
 def _capsules(hulls: Hulls, close: CloseHulls, motion: Kinematics, wider_m: float = 0.0) -> tuple[Capsules, Array]:
     """Return the close capsules, and the (U,) down coordinates of their axes' sterns."""
-    whose = hulls.vessel[close.hull]
-    ends = hulls.ends_frd_m[close.hull] @ motion.rot_ned_frd[whose].transpose(0, 2, 1)
-    ends += motion.pos_ned_m[whose][:, None]
+    vessel = hulls.vessel[close.hull]
+    ends = hulls.ends_frd_m[close.hull] @ motion.rot_ned_frd[vessel].transpose(0, 2, 1)
+    ends += motion.pos_ned_m[vessel][:, None]
     radius = hulls.radius_m[close.hull] + wider_m
-    return Capsules(ends[:, 0, :2], ends[:, 1, :2], radius, ("",) * len(whose)), ends[:, 0, 2]
+    return Capsules(ends[:, 0, :2], ends[:, 1, :2], radius, ("",) * len(vessel)), ends[:, 0, 2]
 
 
 def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
@@ -211,8 +211,8 @@ def compute_hull_contacts(hulls: Hulls, close: CloseHulls, motion: Kinematics, d
     touch = touches(capsules, capsules, close.first, close.second)
     if not len(touch.first):
         return NO_CONTACTS
-    whose = hulls.vessel[close.hull]
-    one, other = whose[touch.first], whose[touch.second]
+    vessel = hulls.vessel[close.hull]
+    one, other = vessel[touch.first], vessel[touch.second]
     place = np.column_stack([touch.place_ne_m, 0.5 * (down_m[touch.first] + down_m[touch.second])])
     velocity = (velocity_at(motion, one, place) - velocity_at(motion, other, place))[:, :2]
     mass = 1.0 / (1.0 / hulls.mass_kg[one] + 1.0 / hulls.mass_kg[other])

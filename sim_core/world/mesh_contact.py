@@ -67,8 +67,8 @@ class Triangles:
         corners = np.concatenate([np.empty((0, 3, 3)), *(mesh.vertices_m[mesh.faces] for _, mesh in meshes)])
         what = np.repeat([names.index(name) for name, _ in meshes], [len(mesh.faces) for _, mesh in meshes])
         down = corners[:, :, 2]
-        kept = (down.min(axis=1) < lowest_down_m + ABOUT_WATER_M) & (down.max(axis=1) > highest_down_m - ABOUT_WATER_M)
-        corners, what = corners[kept], what[kept].astype(np.intp)
+        near = (down.min(axis=1) < lowest_down_m + ABOUT_WATER_M) & (down.max(axis=1) > highest_down_m - ABOUT_WATER_M)
+        corners, what = corners[near], what[near].astype(np.intp)
         low, high = corners.min(axis=1), corners.max(axis=1)
         first = np.floor(low[:, :2] / CELL_M).astype(np.intp)
         counts = np.floor(high[:, :2] / CELL_M).astype(np.intp) - first + 1
@@ -95,10 +95,10 @@ class Triangles:
             np.floor(edge[:2] / CELL_M).astype(int).tolist() for edge in (low_m, high_m)
         )
         places = ((north, east) for north in range(north0, north1 + 1) for east in range(east0, east1 + 1))
-        found = [group for place in places if (group := self.cells.get(place)) is not None]
-        if not found and not len(self.everywhere):
+        groups = [self.cells[place] for place in places if place in self.cells]
+        if not groups and not len(self.everywhere):
             return _NO_NUMBERS
-        numbers = np.unique(np.concatenate([self.everywhere, *found]))
+        numbers = np.unique(np.concatenate([self.everywhere, *groups]))
         meets = np.all((self.low_m[numbers] < high_m) & (self.high_m[numbers] > low_m), axis=1)
         chosen: Numbers = numbers[meets]
         return chosen
@@ -133,7 +133,7 @@ def find_reachable(triangles: Triangles, outline: Outline, motion: Kinematics) -
         return OUT_OF_REACH
     centres = _centres(outline, motion)
     reach_m = outline.sphere_radius_m[:, None] + REACH_M  # (S, 1)
-    found = []
+    pairs = []
     low, high = (centres - reach_m).min(axis=1), (centres + reach_m).max(axis=1)
     for vessel in np.flatnonzero(np.all((high > triangles.least_m) & (low < triangles.most_m), axis=1)).tolist():
         near = triangles.within(low[vessel], high[vessel])
@@ -142,10 +142,10 @@ def find_reachable(triangles: Triangles, outline: Outline, motion: Kinematics) -
         over, under = (centres[vessel] + reach_m)[:, None], (centres[vessel] - reach_m)[:, None]
         meets = (triangles.low_m[near] < over) & (triangles.high_m[near] > under)
         sphere, which = np.nonzero(np.all(meets, axis=2))
-        found.append((vessel * len(outline.spheres_frd_m) + sphere, near[which]))
-    if not found:
+        pairs.append((vessel * len(outline.spheres_frd_m) + sphere, near[which]))
+    if not pairs:
         return OUT_OF_REACH
-    sphere, triangle = (np.concatenate(column) for column in zip(*found, strict=True))
+    sphere, triangle = (np.concatenate(column) for column in zip(*pairs, strict=True))
     return Reachable(sphere, triangle, triangles.low_m[triangle], triangles.high_m[triangle])
 
 
@@ -153,6 +153,7 @@ def compute_mesh_contacts(
     triangles: Triangles, outline: Outline, motion: Kinematics, reachable: Reachable, dt_s: float
 ) -> Contacts:
     """Return one contact for each sphere that touches."""
+    # Pairs of sphere and triangle in touch
     count = len(outline.spheres_frd_m)
     centre = _centres(outline, motion).reshape(-1, 3)[reachable.sphere]
     radius_m = outline.sphere_radius_m[reachable.sphere % count]
@@ -170,8 +171,10 @@ def compute_mesh_contacts(
     touch = np.flatnonzero(square < reach[close])
     if not len(touch):
         return NO_CONTACTS
+    # The deepest contact of each sphere
     touch = touch[np.lexsort((square[touch], sphere[touch]))]
-    touch = touch[np.unique(sphere[touch], return_index=True)[1]]  # the deepest contact of each sphere
+    touch = touch[np.unique(sphere[touch], return_index=True)[1]]
+    # Spring, damper and friction, away from the contact point
     vessel = sphere[touch] // count
     distance, place, radius_m = np.sqrt(square[touch]), place[touch], radius_m[touch]
     inward = motion.pos_ned_m[vessel] - place  # for a centre inside the triangle's plane
@@ -181,6 +184,7 @@ def compute_mesh_contacts(
     velocity = velocity_at(motion, vessel, place)
     share_kg = outline.mass_kg / np.bincount(vessel)[vessel]
     force = pressed_n(normal, depth, velocity, share_kg, dt_s)
+    # The stop, which removes a share of the closing speed
     closing = -np.vecdot(velocity, normal)
     stop = np.clip((depth / radius_m - STOP_FROM) / (1.0 - STOP_FROM), 0.0, 1.0) ** 0.5 * STOP_SHARE
     lacking = np.maximum(stop * share_kg * closing / dt_s - np.vecdot(force, normal), 0.0)

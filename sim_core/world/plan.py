@@ -93,16 +93,14 @@ def touches(a: Capsules, b: Capsules, first: Numbers, second: Numbers) -> Touche
     """Return the touches of capsules a[first] and b[second], pair by pair."""
     a0, a1, b0, b1 = a.from_ne_m[first], a.to_ne_m[first], b.from_ne_m[second], b.to_ne_m[second]
     reach = a.radius_m[first] + b.radius_m[second]
-    found = []
+    candidates = []  # vector from b to a, place on b, and whether it counts
     for end in (a0, a1):
         nearest, _ = nearest_on_axis(end, b0, b1)
-        found.append((end - nearest, nearest, reach > 0.0))
+        candidates.append((end - nearest, nearest, reach > 0.0))
     for end in (b0, b1):
         nearest, share = nearest_on_axis(end, a0, a1)
-        found.append((nearest - end, end, (share > 0.0) & (share < 1.0)))  # otherwise an end of a gave this touch
-    between = np.concatenate([row[0] for row in found])
-    on_b = np.concatenate([row[1] for row in found])
-    counts = np.concatenate([row[2] for row in found])
+        candidates.append((nearest - end, end, (share > 0.0) & (share < 1.0)))  # otherwise an end of a gave this touch
+    between, on_b, counts = (np.concatenate(column) for column in zip(*candidates, strict=True))
     distance = np.sqrt(np.vecdot(between, between))
     reach, first, second = np.tile(reach, 4), np.tile(first, 4), np.tile(second, 4)
     met = np.flatnonzero(counts & (distance < reach))
@@ -140,15 +138,15 @@ def convex_hull(points_m: Array) -> Array:
     ordered = np.unique(points_m, axis=0).tolist()
 
     def chain(points: list[list[float]]) -> list[list[float]]:
-        kept: list[list[float]] = []
+        corners: list[list[float]] = []
         for x, y in points:
-            while len(kept) > 1:
-                (x0, y0), (x1, y1) = kept[-2:]
+            while len(corners) > 1:
+                (x0, y0), (x1, y1) = corners[-2:]
                 if (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) > 0.0:
                     break
-                kept.pop()
-            kept.append([x, y])
-        return kept[:-1]
+                corners.pop()
+            corners.append([x, y])
+        return corners[:-1]
 
     return np.array(chain(ordered) + chain(ordered[::-1]))
 

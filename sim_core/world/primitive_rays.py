@@ -43,7 +43,7 @@ class PrimitiveCaster:
         """Return the first hit of each ray; see `RayCaster`. An invalid direction, zero or NaN, hits nothing."""
         origin, direction = origin_ned_m.astype(float64), direction_ned.astype(float64)
         nearest = _Nearest.none(len(origin))
-        possible = _possible(origin, direction)
+        possible = np.isfinite(np.concatenate([origin, direction], axis=1)).all(axis=1) & direction.any(axis=1)
         direction[~possible] = np.nan  # compares as false in all following tests
         rays = np.flatnonzero(possible)
         for solid in self._solids:
@@ -54,28 +54,18 @@ class PrimitiveCaster:
         radius_m = np.array([float(np.linalg.norm(mesh.vertices_m, axis=-1).max()) for mesh in bodies.meshes])
         if bodies.meshes:
             for body, rays in rays_near(origin_ned_m, direction_ned, bodies, radius_m, body_delay_s):
-                self._meet(bodies, body, rays, origin[rays], direction[rays], body_delay_s, nearest)
+                # In the body's axes
+                rotation, relative = bodies.rot_ned_body[body], origin[rays] - bodies.pos_ned_m[body]
+                if body_delay_s is not None:
+                    relative -= body_delay_s[rays, None] * bodies.vel_ned_mps[body]
+                start, along = relative @ rotation, direction[rays] @ rotation
+                mesh = bodies.meshes[body]
+                if mesh not in self._by_mesh:
+                    self._by_mesh[mesh] = list(_clumps(mesh))
+                for clump in self._by_mesh[mesh]:
+                    range_m, normal = clump.meet(start, along)
+                    nearest.keep_nearest(rays, (range_m, normal @ rotation.T), clump.material, body)
         return nearest.hits(direction)
-
-    def _meet(
-        self,
-        bodies: Bodies,
-        body: int,
-        rays: NDArray[np.intp],
-        origin: Array,
-        direction: Array,
-        delay_s: Array32 | None,
-        nearest: _Nearest,
-    ) -> None:
-        rotation, relative = bodies.rot_ned_body[body], origin - bodies.pos_ned_m[body]
-        if delay_s is not None:
-            relative -= delay_s[rays, None] * bodies.vel_ned_mps[body]
-        mesh = bodies.meshes[body]
-        if mesh not in self._by_mesh:
-            self._by_mesh[mesh] = list(_clumps(mesh))
-        for clump in self._by_mesh[mesh]:
-            range_m, normal = clump.meet(relative @ rotation, direction @ rotation)
-            nearest.keep_nearest(rays, (range_m, normal @ rotation.T), clump.material, body)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,13 +139,6 @@ class _Clump:
         inside = slanted & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (range_m >= 0.0)
         met: Array = np.where(inside, range_m, np.inf)
         return met
-
-
-def _possible(origin: Array, direction: Array) -> NDArray[np.bool_]:
-    """Return (R,) True for rays with a finite origin and a valid direction."""
-    numbers = np.isfinite(np.concatenate([origin, direction], axis=1))
-    possible: NDArray[np.bool_] = numbers.all(axis=1) & direction.any(axis=1)
-    return possible
 
 
 def _clumps(mesh: Mesh) -> Iterator[_Clump]:

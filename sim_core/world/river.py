@@ -165,11 +165,7 @@ _SUNK_M = 0.5
 def bank_parts(bed: RiverBed) -> list[ScenePart]:
     """Return trees and rocks on both banks, drawn from the specification's seed."""
     rng = default_rng(bed.spec.seed)
-    return [*_trees(bed, rng), *_rocks(bed, rng)]
-
-
-def _trees(bed: RiverBed, rng: Generator) -> list[ScenePart]:
-    """Return trunks and crowns of 5 to 14 m."""
+    # Trees of 5 to 14 m: trunks and crowns
     trunks: list[Mesh] = []
     crowns: list[Mesh] = []
     for place in _along_banks(bed, bed.spec.trees, (NEAREST_TREE_M, bed.spec.beside_m), rng):
@@ -180,14 +176,15 @@ def _trees(bed: RiverBed, rng: Generator) -> list[ScenePart]:
         trunks.append(moved(cylinder(0.02 * height + 0.05, stem + _SUNK_M, WOOD, sides=6), middle, UPRIGHT))
         crown = ellipsoid((0.32 * height, spread, spread), LEAVES, sides=10, rings=6)
         crowns.append(moved(_roughened(crown, 0.2, rng), [*place, ground - 0.68 * height], UPRIGHT))
-    return [ScenePart("trunks", merged(trunks)), ScenePart("crowns", merged(crowns))] if trunks else []
-
-
-def _rocks(bed: RiverBed, rng: Generator) -> list[ScenePart]:
-    """Return rocks at both waterlines, of radii from 0.4 to 1.8 m."""
-    places = _along_banks(bed, bed.spec.rocks, (-3.0, 6.0), rng)
-    rocks = [_rock(bed, place, rng.uniform(0.4, 1.8), rng) for place in places]
-    return [ScenePart("rocks", merged(rocks))] if rocks else []
+    # Rocks at both waterlines, of radii from 0.4 to 1.8 m
+    rocks: list[Mesh] = []
+    for place in _along_banks(bed, bed.spec.rocks, (-3.0, 6.0), rng):
+        radius_m = rng.uniform(0.4, 1.8)
+        shape = ellipsoid((radius_m, radius_m * rng.uniform(0.6, 1.0), radius_m * rng.uniform(0.5, 0.9)), ROCK, 10, 6)
+        turn = heading_matrix(rng.uniform(0.0, 2 * math.pi))
+        rocks.append(moved(_roughened(shape, 0.2, rng), [*place, float(bed.bed_down_m(place))], turn))
+    named = (("trunks", trunks), ("crowns", crowns), ("rocks", rocks))
+    return [ScenePart(name, merged(meshes)) for name, meshes in named if meshes]
 
 
 def shoal_part(bed: Bed, water_down_m: float, spec: ShoalSpec, rng: Generator) -> ScenePart:
@@ -206,12 +203,6 @@ def shoal_part(bed: Bed, water_down_m: float, spec: ShoalSpec, rng: Generator) -
         turn = heading_matrix(rng.uniform(0.0, 2 * math.pi)) @ UPRIGHT
         rocks.append(moved(_roughened(shape, 0.12, rng), [*place, water_down_m + deep], turn))
     return ScenePart("shoal", merged(rocks))
-
-
-def _rock(bed: Bed, place: Array, radius_m: float, rng: Generator) -> Mesh:
-    shape = ellipsoid((radius_m, radius_m * rng.uniform(0.6, 1.0), radius_m * rng.uniform(0.5, 0.9)), ROCK, 10, 6)
-    turn = heading_matrix(rng.uniform(0.0, 2 * math.pi))
-    return moved(_roughened(shape, 0.2, rng), [*place, float(bed.bed_down_m(place))], turn)
 
 
 def _along_banks(bed: RiverBed, count: int, beyond_m: tuple[float, float], rng: Generator) -> Array:

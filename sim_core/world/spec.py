@@ -25,15 +25,15 @@ MaterialName = Literal[
     "concrete", "steel", "plastic", "wood", "leaves", "hide", "earth", "rock", "wall", "bed"
 ]  # fmt: skip
 NEAREST_TREE_M = 4.0
-"""From the waterline."""
+"""Least distance of a tree from the waterline."""
 AIS_NAME = 20  # characters
 LAST_MMSI = 999_999_999
 FLEET_MMSI, SCRIPTED_MMSI = 200_000_000, 200_001_000
-"""What system ids, and the numbers of scripted vessels, are added to; ITU has given 200 to no country."""
+"""Added to system ids and to the numbers of scripted vessels. ITU has assigned 200 to no country."""
 
 
 def _ais_text(most: int) -> ValueProblem:
-    """A text of so many characters of six-bit ASCII (ITU-R M.1371); small letters are sent as capitals."""
+    """Check text of up to `most` characters of six-bit ASCII (ITU-R M.1371). AIS sends lower case as capitals."""
 
     def problem(value: object) -> str | None:
         if not isinstance(value, str):
@@ -65,14 +65,16 @@ class LogBoomSpec(Specification):
 
     def check(self) -> None:
         if self.points_ned_m is None and self.anchors_ne_m is None:
-            raise SpecificationError((), "lies nowhere; give anchors_ne_m (or points_ned_m)")
+            raise SpecificationError((), "has no position; give anchors_ne_m (or points_ned_m)")
         if self.points_ned_m is not None and self.anchors_ne_m is not None:
-            raise SpecificationError(("anchors_ne_m",), "and points_ned_m are both there; leave out one of them (null)")
+            raise SpecificationError(
+                ("anchors_ne_m",), "and points_ned_m exclude each other; leave out one of them (null)"
+            )
         key = "anchors_ne_m" if self.anchors_ne_m is not None else "points_ned_m"
-        for number, (one, following) in enumerate(pairwise(self.anchors_ne_m or self.points_ned_m or ())):
-            if one[:2] == following[:2]:
+        for number, (point, following) in enumerate(pairwise(self.anchors_ne_m or self.points_ned_m or ())):
+            if point[:2] == following[:2]:
                 raise SpecificationError(
-                    (key, number + 1), f"= {_numbers(following)} is where the one before it is; leave one out"
+                    (key, number + 1), f"= {_numbers(following)} repeats the point before it; leave one of them out"
                 )
 
 
@@ -112,8 +114,8 @@ class DamSpec(Specification):
         if top_m < middle - half or bottom_m > middle + half:
             raise SpecificationError(
                 ("intakes", "height_m"),
-                f"= {intakes.height_m:g} reaches from {top_m:g} to {bottom_m:g} m down, out of the dam, which reaches "
-                f"from {middle - half:g} to {middle + half:g}; change down_m or height_m",
+                f"= {intakes.height_m:g} puts the intakes at {top_m:g} to {bottom_m:g} m down, outside the dam at "
+                f"{middle - half:g} to {middle + half:g}; change down_m or height_m",
             )
 
 
@@ -141,7 +143,7 @@ class RiverSpec(Specification):
         if self.along_m[0] >= self.along_m[1]:
             raise SpecificationError(
                 ("along_m",),
-                f"= {_numbers(self.along_m)} has its ends the wrong way round; put the lesser first",
+                f"= {_numbers(self.along_m)} has its ends in the wrong order; put the smaller number first",
             )
         if self.trees and self.beside_m <= NEAREST_TREE_M:
             raise SpecificationError(
@@ -233,16 +235,18 @@ class TrafficSpec(Specification):
         track = self.track_ned_m
         if len(track) == 1 and (self.speed_mps is not None or self.loop):
             key = "loop" if self.loop else "speed_mps"
-            raise SpecificationError((key,), "moves along a track, and this one is a single point; give it another")
+            raise SpecificationError((key,), "needs a track of several points; give track_ned_m another point")
         if len(track) > 1 and self.speed_mps is None:
-            raise SpecificationError((), "needs 'speed_mps', since its track has several points; add it in m/s")
+            raise SpecificationError((), "needs 'speed_mps', because its track has several points; add it in m/s")
         if len(track) > 1 and self.heading_deg is not None:
-            raise SpecificationError(("heading_deg",), "is of one that lies still; leave it out, or give one point")
-        for number, (one, following) in enumerate(pairwise([*track, track[0]] if self.loop else track)):
-            if one == following:
+            raise SpecificationError(
+                ("heading_deg",), "is only for a vessel at rest; leave it out, or give a single point"
+            )
+        for number, (point, following) in enumerate(pairwise([*track, track[0]] if self.loop else track)):
+            if point == following:
                 raise SpecificationError(
                     ("track_ned_m", (number + 1) % len(track)),
-                    f"= {_numbers(following)} is where the one before it is; leave one out",
+                    f"= {_numbers(following)} repeats the point before it; leave one of them out",
                 )
 
 

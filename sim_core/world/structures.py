@@ -149,24 +149,24 @@ class LogBoom:
 
     def distance_m(self, points_ned_m: Array) -> Array:
         """Return the (n,) distances from points (n, 3) to the surface of the nearest float or pile, negative inside."""
-        points = np.asarray(points_ned_m, dtype=float64)
+        points, axis = np.asarray(points_ned_m, dtype=float64), self.axis_ne
         distance = np.empty(len(points))
         at_once = max(_AT_ONCE // (len(self.centre_ned_m) + 1), 1)
         for first in range(0, len(points), at_once):
+            # Floats
             part = points[first : first + at_once]
-            nearest = self._float_distance(part).min(axis=1)
+            relative = part[:, None] - self.centre_ned_m[None]
+            ahead = relative[..., 0] * axis[:, 0] + relative[..., 1] * axis[:, 1]
+            aside = relative[..., 1] * axis[:, 0] - relative[..., 0] * axis[:, 1]
+            beyond_side = np.hypot(aside, relative[..., 2]) - self.radius_m
+            nearest = _capped(beyond_side, np.abs(ahead) - self.length_m / 2).min(axis=1)
+            # Piles
             for pile in self.piles:
-                nearest = np.minimum(nearest, _pile_distance(pile, part))
+                middle, half = (pile.bottom_down_m + pile.top_down_m) / 2, (pile.bottom_down_m - pile.top_down_m) / 2
+                beyond_side = np.hypot(part[:, 0] - pile.place_ne_m[0], part[:, 1] - pile.place_ne_m[1]) - pile.radius_m
+                nearest = np.minimum(nearest, _capped(beyond_side, np.abs(part[:, 2] - middle) - half))
             distance[first : first + at_once] = nearest
         return distance
-
-    def _float_distance(self, points: Array) -> Array:
-        """Return the (n, K) distances to the surface of each float."""
-        axis = self.axis_ne
-        relative = points[:, None] - self.centre_ned_m[None]
-        ahead = relative[..., 0] * axis[:, 0] + relative[..., 1] * axis[:, 1]
-        aside = relative[..., 1] * axis[:, 0] - relative[..., 0] * axis[:, 1]
-        return _capped(np.hypot(aside, relative[..., 2]) - self.radius_m, np.abs(ahead) - self.length_m / 2)
 
     def capsules(self, water_down_m: float) -> list[Capsules]:
         """Return the floats at the surface, and the piles."""
@@ -194,12 +194,6 @@ class LogBoom:
             solid = Cylinder(centre, UPRIGHT[:, 0], pile.radius_m, height, STEEL)
             parts.append(ScenePart("boom pile", mesh, (solid,)))
         return parts
-
-
-def _pile_distance(pile: Pile, points: Array) -> Array:
-    middle, half = (pile.bottom_down_m + pile.top_down_m) / 2, (pile.bottom_down_m - pile.top_down_m) / 2
-    round_m = np.hypot(points[:, 0] - pile.place_ne_m[0], points[:, 1] - pile.place_ne_m[1]) - pile.radius_m
-    return _capped(round_m, np.abs(points[:, 2] - middle) - half)
 
 
 def _capped(beyond_side: Array, beyond_end: Array) -> Array:
@@ -291,7 +285,6 @@ def catenary_parameter_m(span_m: float, sag_m: float) -> float:
     low, high = 0.1 * min(sag_m, span_m), 10.0 * (span_m**2 / (8 * sag_m) + sag_m + span_m)
     for _ in range(200):
         middle = math.sqrt(low * high)
-        # cosh overflows beyond 700.
         turn = min(span_m / (2 * middle), 700.0)  # cosh overflows beyond 700.
         if 2 * middle * math.sinh(turn / 2) ** 2 > sag_m:
             low = middle

@@ -119,7 +119,7 @@ class ScriptedTrack:
             since_s = self.lap_s + math.fmod(since_s - self.lap_s, self.end_s - self.lap_s)
         under_way = 0.0 <= since_s < self.end_s
         since_s = min(max(since_s, 0.0), self.end_s)
-        piece = self.pieces[max(bisect_right(self.pieces, since_s, key=lambda each: each.begin_s) - 1, 0)]
+        piece = self.pieces[max(bisect_right(self.pieces, since_s, key=lambda piece: piece.begin_s) - 1, 0)]
         if not piece.duration_s:
             return *piece.after(1.0), 0.0, 0.0
         place, heading = piece.after(min((since_s - piece.begin_s) / piece.duration_s, 1.0))

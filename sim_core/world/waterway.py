@@ -122,31 +122,29 @@ def step_together(
     long_step, debris = times.time_ns % times.long_ns == 0, afloat[0].debris
     if long_step:
         debris = _launch_due(waterway, debris, times.time_ns, water)
+    # Contacts of the vessels, with the objects that they may touch before the next long step
     parts, push, short = [], None, False
-    for outline, one, motion in zip(outlines, afloat, motions, strict=True):
-        near, reachable = one.near, one.reachable
-        if long_step:
-            near, reachable = _look_around(waterway, outline, motion, debris)
-        contacts, wrench, own = _touch_around(waterway, outline, motion, debris, near, reachable, times.dt_ns * 1e-9)
+    for outline, before, motion in zip(outlines, afloat, motions, strict=True):
+        near, reachable = before.near, before.reachable
+        if long_step and waterway.contact:
+            near = find_near(waterway.standing, waterway.bed, outline, motion, debris)
+            reachable = find_reachable(waterway.triangles, outline, motion)
+        elif long_step:
+            near, reachable = NOTHING_NEAR, OUT_OF_REACH
+        contacts, wrench, own = _contacts_of(waterway, outline, motion, debris, near, reachable, times.dt_ns * 1e-9)
         parts.append((near, contacts, wrench, reachable))
         short = short or len(near.bodies) > 0
         if own is not None:
             push = together(own, push)
-    debris = _drifted(waterway, debris, times, water, short, push)
+    # Debris, in the vessels' steps while a vessel is near
+    if debris.bodies and short:
+        debris = _carried(waterway, debris, times.dt_ns, water, push)
+    elif debris.bodies and long_step:
+        debris = _carried(waterway, debris, times.long_ns, water, None)
     return [Afloat(debris, *part) for part in parts]
 
 
-def _look_around(
-    waterway: Waterway, outline: Outline, motion: Kinematics, debris: DebrisState
-) -> tuple[Near, Reachable]:
-    """Return the objects that the vessels may touch before the next long step."""
-    if not waterway.contact:
-        return NOTHING_NEAR, OUT_OF_REACH
-    near = find_near(waterway.standing, waterway.bed, outline, motion, debris)
-    return near, find_reachable(waterway.triangles, outline, motion)
-
-
-def _touch_around(
+def _contacts_of(
     waterway: Waterway,
     outline: Outline,
     motion: Kinematics,
@@ -165,19 +163,6 @@ def _touch_around(
             contacts = joined_contacts([contacts, struck] if len(contacts) else [struck])
             wrench = wrench_frd(motion, contacts.vessel, contacts.place_ned_m, contacts.force_ned_n)
     return contacts, wrench, push
-
-
-def _drifted(
-    waterway: Waterway, debris: DebrisState, times: StepTimes, water: WaterMotion, short: bool, push: Push | None
-) -> DebrisState:
-    """Return the debris at the step's end. short: in steps of the vessels, because a vessel is near."""
-    if not debris.bodies:
-        return debris
-    if short:
-        return _carried(waterway, debris, times.dt_ns, water, push)
-    if times.time_ns % times.long_ns == 0:
-        return _carried(waterway, debris, times.long_ns, water, None)
-    return debris
 
 
 def launch_body(debris: DebrisState, launch: Launch, water: WaterMotion) -> DebrisState:
@@ -205,5 +190,5 @@ def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: WaterMo
     # The holding force must stop the velocity that the current adds in this step. Light bodies reach the current in one
     # step.
     going = replace(debris, vel_ned_mps=free.vel_ned_mps, yaw_rate_radps=free.yaw_rate_radps)
-    held = held_by(waterway.standing, waterway.bed, going, dt_ns * 1e-9)
-    return free if held is None else drift(debris, dt_ns, current, surface, together(held, push))
+    hold = held_by(waterway.standing, waterway.bed, going, dt_ns * 1e-9)
+    return free if hold is None else drift(debris, dt_ns, current, surface, together(hold, push))

@@ -160,7 +160,7 @@ def test_the_unit_is_one_that_systemd_reads(board: BoardDouble) -> None:
 def test_no_leftovers_and_nothing_started_without_service(board: BoardDouble) -> None:
     result = board.deploy()
     assert result.returncode == 0, result.stderr
-    assert "start it there with: " in result.stdout
+    assert "start the agent on the board: " in result.stdout
     assert board.calls == []
     assert [path.name for path in board.root.rglob("*") if path.is_file()] == ["xitl-agent.pyz"]
     assert list(board.record.iterdir()) == []

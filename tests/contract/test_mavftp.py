@@ -77,7 +77,7 @@ def test_another_client_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ftp, "BUSY_S", 0.15)
     with (
         client(FtpVehicle(busy=10_000)) as reached,
-        pytest.raises(FtpRefusedError, match="another client is busy with its files"),
+        pytest.raises(FtpRefusedError, match="another client uses its files"),
     ):
         VehicleFiles(reached).run(read_checksum("scripts/a.lua"))
     with (
@@ -111,5 +111,5 @@ def test_what_goes_wrong_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> Non
         with client(vehicle) as reached, pytest.raises(UserError, match=words):
             install_script(reached, CONTENT)
     monkeypatch.setattr(ftp, "TRIES", 2)
-    with client(FtpVehicle(deaf=True)) as reached, pytest.raises(UserError, match="does not answer to MAVLink FTP"):
+    with client(FtpVehicle(deaf=True)) as reached, pytest.raises(UserError, match="does not answer MAVLink FTP"):
         install_script(reached, CONTENT)

@@ -23,7 +23,7 @@ from mcap_ros2.decoder import DecoderFactory
 from tests.golden import Golden
 from tests.patience import PATIENCE_S, let_pass, wait_until
 from xitl_cli.logs import open_log
-from xitl_cli.logs.analyses import events, links
+from xitl_cli.plugins.logs.analyses import events, links
 
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -142,7 +142,7 @@ def test_an_agent_that_stays_silent_ends_the_run_with_one_sentence(start: Start,
     assert process.returncode == 2, stderr
     assert len(stderr.strip().splitlines()) == 1, stderr
     assert "stopped answering and was silent for 1 s" in stderr
-    assert "unknown how many lost of sensors, unknown how many lost of actuators" in " ".join(printed.split())
+    assert "unknown number lost of sensors, unknown number lost of actuators" in " ".join(printed.split())
     error = summary(tmp_path / "run")["error"]
     assert error in stderr
     assert error in said(tmp_path / "run")

@@ -246,7 +246,7 @@ def test_a_power_cut_costs_the_last_second(board: EmulatedBoard, tmp_path: Path)
     assert code == 2, said
     words = " ".join(said.split())
     assert "stopped answering" in words
-    assert "unknown how many lost of sensors" in words
+    assert "unknown number lost of sensors" in words
     findings = findings_of(tmp_path / "run")
     assert "The run failed" in findings
     assert "to the end of the log" in findings
@@ -269,7 +269,7 @@ def test_the_profile_of_a_real_board_sails_in_a_namespace_of_its_own(apart: Emul
     deploy(apart, "udp://usb0:14660", tmp_path)
     code, said = sail(tmp_path, apart, 12.0, profile="hitl-beaglebone")
     assert code == 0, said
-    assert "claimed real, but virtual: LS, LC, LA" in " ".join(said.split())
+    assert "nodes claimed real, but virtual: LS, LC, LA" in " ".join(said.split())
     run = summary(tmp_path / "run")
     assert_all_accounted(run)
     assert {link["name"]: link["received"] > 0 for link in run["links"]} == {"sensors": True, "actuators": True}

@@ -61,6 +61,15 @@ def test_a_run_does_without_a_plug_in(tree: Path, plugin: str) -> None:
         assert "pip install --force-reinstall xitl" in " ".join(refused.stderr.split())
 
 
+def test_without_the_plug_in_of_logs_an_analysis_is_refused_in_one_sentence(tree: Path) -> None:
+    shutil.rmtree(tree / "xitl_cli/plugins/logs")
+    refused = python(tree, "-c", "import xitl\nxitl.analyze('run.mcap')")
+    assert "PluginError: vehicle: the plug-in of xitl" in refused.stderr
+    assert "pip install --force-reinstall xitl" in refused.stderr
+    opened = python(tree, "-c", "import xitl\nxitl.open_log('run.mcap')")
+    assert "LogError: run.mcap: there is no such file" in opened.stderr
+
+
 def test_the_core_does_without_all_plug_ins(tree: Path) -> None:
     for plugin in PLUGINS:
         shutil.rmtree(tree / "xitl_cli/plugins" / plugin)

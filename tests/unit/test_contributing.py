@@ -16,7 +16,7 @@ NAMED = re.compile(r"`((?:agent|sim_core|xitl|xitl_cli|docs|tests|profiles|firmw
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="needs git, whose apply reads a diff (apt install git)")
-@pytest.mark.parametrize("diff", DIFFS, ids=["a sensor", "a field of a message", "an injector"])
+@pytest.mark.parametrize("diff", DIFFS, ids=["a sensor", "a field of a message"])
 def test_a_diff_applies(diff: str) -> None:
     done = subprocess.run(
         ["git", "apply", "--check"], input=diff, text=True, capture_output=True, cwd=ROOT, check=False

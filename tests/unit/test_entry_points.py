@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from xitl_cli.entry_points import entry_points
+from agent.entry_points import entry_points
 
 Row = tuple[str, str, str, str, str]
 

@@ -52,8 +52,8 @@ def test_core_commands_load_no_plug_in_and_read_entry_points_once(
 ) -> None:
     program = (
         "import sys\nfrom xitl_cli import registry\nfrom xitl_cli.main import main\n"
-        "read, reads = registry.entry_points, []\n"
-        "registry.entry_points = lambda prefix: reads.append(prefix) or read(prefix)\n"
+        "read, reads = registry.ranked_entry_points, []\n"
+        "registry.ranked_entry_points = lambda prefix: reads.append(prefix) or read(prefix)\n"
         f"sys.argv = ['xitl', *{arguments!r}]\n"
         "try: main()\n"
         "finally: print(len(reads), *[name for name in sys.modules if name.startswith('xitl_cli.plugins')],"

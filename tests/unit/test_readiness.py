@@ -56,7 +56,7 @@ def test_firmware_is_found_where_a_run_would_find_it(
     assert next(iter(check_firmware())).found == str(program)
     mine = program.rename(tmp_path / "mine")
     monkeypatch.setenv("XITL_ARDUROVER", str(mine))
-    assert next(iter(check_firmware())).found == f"{mine} (named by XITL_ARDUROVER)"
+    assert next(iter(check_firmware())).found == f"{mine} (from XITL_ARDUROVER)"
 
 
 @pytest.mark.parametrize(("number", "variable"), [(0, "XITL_ARDUROVER"), (1, "XITL_PX4")])
@@ -93,7 +93,7 @@ def test_pseudo_terminals_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_verdict_names_what_stands_in_the_way() -> None:
     findings = [DoctorFinding("kernel", WARNING, ""), DoctorFinding("Python", PROBLEM, "")]
     assert verdict("x", findings) == (PROBLEM, "x: will not work (Python)")
-    assert verdict("x", findings[:1]) == (WARNING, "x: will work, less well (kernel)")
+    assert verdict("x", findings[:1]) == (WARNING, "x: will work with limits (kernel)")
 
 
 @pytest.mark.parametrize("width", ["80", "40"])

@@ -21,20 +21,23 @@ def doctor(
     destination: Annotated[
         str | None,
         typer.Argument(
-            metavar="USER@HOST", help="A board, over ssh (board:NAME: an emulated one); this machine if left out."
+            metavar="USER@HOST",
+            help="Check this board over ssh (board:NAME: one of `xitl board`). Default: check this machine.",
         ),
     ] = None,
     link: Annotated[
-        str | None, typer.Option(metavar="URL", help="Link to try as well: its port, device or interface.")
+        str | None,
+        typer.Option(metavar="URL", help="Also check that this link can be opened: its port, device or interface."),
     ] = None,
     as_json: Json = False,
     port: Port = None,
     identity: Identity = None,
     ssh_config: SshConfig = None,
 ) -> None:
-    """Check this machine: extras, firmware, ports; it or a board: kernel, permissions, clocks, devices.
+    """Check that this machine or a board is ready for runs, and print how to correct each problem.
 
-    Exit code 1 when something will not work.
+    This machine: packages, firmware and ports for simulation. This machine or a board: kernel, permissions, clocks and
+    devices for hardware in the loop. Exit code 1 when something will not work.
     """
     from agent.board.doctor import examine, exit_code, findings_to_json
 
@@ -44,7 +47,7 @@ def doctor(
 
         simulating, machine = examine_simulating(), examine(link, HOST_PYTHON)
     else:
-        machine = _examined_there(reached(destination, port, identity, ssh_config), link)
+        machine = _examine_board(reached(destination, port, identity, ssh_config), link)
     if as_json:
         typer.echo(findings_to_json([*simulating, *machine]))
     else:
@@ -59,27 +62,27 @@ def _show(simulating: list[DoctorFinding], machine: list[DoctorFinding]) -> None
 
     console = terminal()
     verdicts = []
-    for title, what, findings in (
+    for title, purpose, findings in (
         ("Simulating", "simulating on this machine", simulating),
         ("Agent and hardware in the loop", "agent and hardware in the loop", machine),
     ):
         if not findings:
             continue
         say(console, title, "bold")
-        show_facts(console, [(finding.check, _text(finding), STYLES[finding.level]) for finding in findings])
+        facts = []
+        for finding in findings:
+            level = "" if finding.level == "ok" else f"{finding.level}: "
+            advice = f"\n→ {finding.advice}" if finding.advice else ""
+            facts.append((finding.check, f"{level}{finding.found}{advice}", STYLES[finding.level]))
+        show_facts(console, facts)
         console.print()
-        level, sentence = verdict(what, findings)
+        level, sentence = verdict(purpose, findings)
         verdicts.append((sentence + without_optional(findings), STYLES[level] or "green"))
     for sentence, style in verdicts:
         say(console, sentence, f"bold {style}")
 
 
-def _text(finding: DoctorFinding) -> str:
-    level = "" if finding.level == "ok" else f"{finding.level}: "
-    return f"{level}{finding.found}" + (f"\n→ {finding.advice}" if finding.advice else "")
-
-
-def _examined_there(board: Board, link: str | None) -> list[DoctorFinding]:
+def _examine_board(board: Board, link: str | None) -> list[DoctorFinding]:
     from agent.board.doctor import findings_from_objects
     from xitl_cli.deploy.package import build
     from xitl_cli.deploy.ssh import run_there
@@ -90,4 +93,4 @@ def _examined_there(board: Board, link: str | None) -> list[DoctorFinding]:
     try:
         return findings_from_objects(outcome.get("findings"))
     except ValueError as error:
-        raise UserError(f"{board.destination}: the answer is {error}; try again") from None
+        raise UserError(f"{board.destination}: the answer of the board is {error}; try again") from None

@@ -16,16 +16,19 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 def init(
-    path: Annotated[Path, typer.Argument(metavar="NAME", help="The boat's name, or a path to the folder to make.")],
+    path: Annotated[Path, typer.Argument(metavar="NAME", help="The boat's name, or the path of its new folder.")],
 ) -> None:
-    """Write profile, vessel and mission of a boat of your own: they run at once, and say what to edit."""
+    """Create the profile, vessel and mission of a new boat; they run at once.
+
+    Comments in the files say what to edit.
+    """
     from xitl_cli.profile.files.catalogue import shipped_profiles
 
     name = path.name
     if not _NAME.fullmatch(name):
-        raise UserError(f"{str(path)!r}: no name of a boat; use letters, digits, '-', '_' and '.', 64 at most")
+        raise UserError(f"{str(path)!r} is no valid name of a boat; use up to 64 letters, digits, '-', '_' and '.'")
     if path.parent == Path() and any(name in (shipped, shipped.rpartition("/")[2]) for shipped in shipped_profiles()):
-        raise UserError(f"{name} is the name of a profile that comes with xitl; choose another one")
+        raise UserError(f"{name} is the name of a profile that comes with xitl; choose another name")
     try:
         path.mkdir(parents=True)
         for file in FILES:
@@ -36,10 +39,10 @@ def init(
     except OSError as error:
         raise UserError(f"{path} cannot be written ({error.strerror}); choose another place") from None
     typer.echo(
-        f"{path}/ is a boat that sails: xitl sim {path}\n"
-        "Make it yours, in this order:\n"
+        f"Created {path}/. Run the boat: xitl sim {path}\n"
+        "Then edit, in this order:\n"
         f"  1. {path / 'vessel.yaml'}   mass, hull, drag, propellers, windage\n"
-        f"  2. {path / 'mission.yaml'}  where your water is, and the waypoints\n"
-        f"  3. {path / 'profile.yaml'}  weather, and what you tune of the autopilot\n"
-        f"After each: xitl profiles check {path}"
+        f"  2. {path / 'mission.yaml'}  position of your water, waypoints\n"
+        f"  3. {path / 'profile.yaml'}  weather, parameters of the autopilot\n"
+        f"Check the files after each edit: xitl profiles check {path}"
     )

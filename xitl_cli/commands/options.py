@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -31,10 +30,10 @@ def complete_profile(incomplete: str) -> list[str]:
     folder, _, start = incomplete.rpartition("/")
     where = Path(folder + "/" if folder or incomplete.startswith("/") else ".").expanduser()
     try:
-        found = [path.name for path in where.iterdir() if path.suffix in SUFFIXES and path.name.startswith(start)]
+        files = [path.name for path in where.iterdir() if path.suffix in SUFFIXES and path.name.startswith(start)]
     except (OSError, ValueError, RuntimeError):
-        found = []
-    return names + [f"{incomplete[: len(incomplete) - len(start)]}{name}" for name in sorted(found)]
+        files = []
+    return names + [f"{incomplete[: len(incomplete) - len(start)]}{name}" for name in sorted(files)]
 
 
 def complete_vehicle(incomplete: str) -> list[str]:
@@ -47,39 +46,33 @@ def complete_vehicle(incomplete: str) -> list[str]:
 
 def complete_set(context: typer.Context, incomplete: str) -> list[str]:
     """Return keys of the profile on the command line (default: `sitl`), each with its value."""
-    given = context.params
-    named = given.get("profile") or given.get("profile_option") or given.get("name")
-    if not named:  # an option without its value, as during typing, ends the parsing before the arguments
-        named = next((word for word in context.args if not word.startswith("-")), DEFAULT_PROFILE)
-    return [word for word in _assignments(str(named)) if word.startswith(incomplete)]
-
-
-def _assignments(name: str) -> Iterator[str]:
     from xitl_cli.errors import UserError
     from xitl_cli.profile import load_with_origins
     from xitl_cli.profile.resolved import values_with_origins
 
+    params = context.params
+    profile = params.get("profile") or params.get("profile_option") or params.get("name")
+    if not profile:  # an option without its value, as during typing, ends the parsing before the arguments
+        profile = next((word for word in context.args if not word.startswith("-")), DEFAULT_PROFILE)
     try:
-        rows = values_with_origins(load_with_origins(name, ()))
+        assignments = [f"{key}={value}" for key, value, _ in values_with_origins(load_with_origins(str(profile), ()))]
     except UserError:
-        return
-    for key, value, _ in rows:
-        yield f"{key}={value}"
+        return []
+    return [text for text in assignments if text.startswith(incomplete)]
 
 
 def complete_section(incomplete: str) -> list[str]:
     """Return names of analyses."""
-    from xitl_cli.logs.report.build import SECTIONS
-    from xitl_cli.registry import LOG_ANALYSES, names
+    from xitl_cli.log_analyses import section_names
 
-    return [name for name in (*SECTIONS, *names(LOG_ANALYSES)) if name.startswith(incomplete)]
+    return [name for name in section_names() if name.startswith(incomplete)]
 
 
 ProfileName = Annotated[
     str,
     typer.Argument(
         metavar="PROFILE",
-        help="A shipped profile's name (`xitl profiles list`), or a path to a .yaml file.",
+        help="Name of a shipped profile (`xitl profiles list`) or path of a .yaml file.",
         autocompletion=complete_profile,
     ),
 ]
@@ -88,37 +81,43 @@ Set = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Override a key of the profile: environment.wind.mean_mps=8. Repeatable.",
+        help="Override a key of the profile, such as environment.wind.mean_mps=8. Repeatable.",
         autocompletion=complete_set,
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
-OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there already.")]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in a web browser.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output.")]
 Vessel = Annotated[
     str | None,
-    typer.Option("--vessel", metavar="NAME", help="Of a fleet's recording or bag this vessel, as of one alone."),
+    typer.Option("--vessel", metavar="NAME", help="Use only this vessel of a fleet's recording or bag."),
 ]
 From = Annotated[
     str | None,
-    typer.Option("--from", metavar="TIME", help="From here on, as `info` counts: 90, 1:30.5 or 1:02:03."),
+    typer.Option(
+        "--from", metavar="TIME", help="Begin at this time of the log, counted as by `info`: 90, 1:30.5 or 1:02:03."
+    ),
 ]
-Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="Up to here.")]
-Raw = Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")]
+Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="End at this time of the log.")]
+Raw = Annotated[bool, typer.Option("--raw", help="Show values as stored in the log, without scaling.")]
 VehicleAddress = Annotated[
     str,
     typer.Argument(
         metavar="VEHICLE",
-        help="tcp://host:port, serial:///dev/ttyACM0, or udp://host:port (waits there if it is this machine); "
-        "?system=3 behind it picks one of several.",
+        help="MAVLink address of the vehicle: tcp://host:port, serial:///dev/ttyACM0 or udp://host:port (xitl listens "
+        "there if the host is this machine). Append ?system=3 to select one of several vehicles.",
     ),
 ]
 SigningKey = Annotated[
-    Path | None, typer.Option("--signing-key", metavar="FILE", help="Sign with this key, and hear only what is signed.")
+    Path | None,
+    typer.Option(
+        "--signing-key", metavar="FILE", help="Sign sent messages with this key, and ignore unsigned messages."
+    ),
 ]
-RunsSeed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random, the same for all runs.")]
+RunsSeed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers, the same for every run.")]
 RunsDuration = Annotated[
-    float | None, typer.Option("--duration", metavar="S", min=1.0, help="Simulation time of each run at most.")
+    float | None,
+    typer.Option("--duration", metavar="S", min=1.0, help="Longest simulated time of each run, in seconds."),
 ]
 
 
@@ -126,5 +125,5 @@ def renamed(old_value: str | None, value: str | None, old: str, new: str) -> str
     """Return the value of a renamed option. The old name still works, with a notice."""
     if old_value is None:
         return value
-    typer.echo(f"{old} is now {new}; the old name will go", err=True)
+    typer.echo(f"{old} is now {new}; a later version removes the old name", err=True)
     return old_value if value is None else value

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -16,7 +16,10 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from xitl_cli.logs.model.log import Log
+    from xitl_cli.logs.model.sections import Section
 
 GONE = (errno.EPIPE, errno.EIO)
 """Errors of an output without a reader, or with a closed terminal."""
@@ -29,8 +32,7 @@ def quiet_pipe() -> Iterator[None]:
         yield
         sys.stdout.flush()
     except BrokenPipeError:
-        # The interpreter would raise again when it flushes the rest of the buffer.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_output()
         raise SystemExit(0) from None
 
 
@@ -43,8 +45,12 @@ def still_read() -> Iterator[None]:
     except OSError as error:
         if error.errno not in GONE:
             raise
-        # The interpreter would raise again when it flushes the rest of the buffer.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        discard_output()
+
+
+def discard_output() -> None:
+    """Send the rest of the output nowhere. Otherwise, the interpreter raises again when it flushes the buffer."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def refuse(sentences: Sequence[str]) -> None:
@@ -69,8 +75,9 @@ def tell_vessels(*shown: tuple[Path, str, Sequence[str]]) -> None:
     """Print a line on stderr for each recording of several vessels: path, selected vessel, and all vessels."""
     for path, vessel, vessels in shown:
         if vessel:
-            there = ", ".join(vessels[:8]) + (f" and {len(vessels) - 8} more" if len(vessels) > 8 else "")
-            typer.echo(printable(f"{path}: is of {there}; this is {vessel}, --vessel NAME takes another"), err=True)
+            names = ", ".join(vessels[:8]) + (f" and {len(vessels) - 8} more" if len(vessels) > 8 else "")
+            text = f"{path} contains {names}; this is {vessel}, --vessel NAME selects another"
+            typer.echo(printable(text), err=True)
 
 
 def open_in_browser(page: Path) -> None:
@@ -83,4 +90,28 @@ def open_in_browser(page: Path) -> None:
     except (webbrowser.Error, OSError):
         opened = False
     if not opened:
-        typer.echo(f"no browser could be opened here; open {page} yourself", err=True)
+        typer.echo(f"no web browser could be opened; open {page} yourself", err=True)
+
+
+def show_sections(console: Console, sections: Sequence[Section]) -> None:
+    """Print the findings of each section of a campaign, their next steps and its tables."""
+    from xitl_cli.commands.terminal import say
+    from xitl_cli.logs.model.sections import Severity
+    from xitl_cli.logs.report.terminal import show_section
+
+    styles = {Severity.CRITICAL: "bold red", Severity.WARNING: "yellow", Severity.NOTICE: "cyan", Severity.OK: "green"}
+    for section in sections:
+        for finding in section.findings:
+            console.print()
+            say(console, f"{finding.sentence}.", styles[finding.severity])
+            if finding.next_step:
+                say(console, finding.next_step)
+        show_section(console, section)
+
+
+def sections_document(sections: Sequence[Section]) -> dict[str, Any]:
+    """Return the sections by their keys, as in `xitl logs analyze --json`."""
+    from xitl_cli.logs.clocks.time_line import TimeLine
+    from xitl_cli.logs.report.json import section_document
+
+    return {section.key: section_document(section, TimeLine()) for section in sections}

@@ -11,9 +11,9 @@ from xitl_cli.commands.options import Json
 
 
 def plugins(as_json: Json = False) -> None:
-    """List the installed plug-ins, the package of each, and why one cannot be loaded.
+    """List the installed plug-ins and the errors of those that cannot be loaded.
 
-    Exit code 1 when one cannot be loaded.
+    Each plug-in is listed with its package. Exit code 1 when one cannot be loaded.
     """
     from xitl_cli.commands.terminal import say, show_rows, terminal
     from xitl_cli.registry import GROUPS

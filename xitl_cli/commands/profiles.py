@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from contextlib import suppress
+from typing import Annotated
 
 import typer
 
 from xitl_cli.commands.options import Json, ProfileName, Set, complete_profile
 from xitl_cli.commands.terminal import say, show_rows, terminal
 from xitl_cli.errors import UserError
-
-if TYPE_CHECKING:
-    from xitl_cli.profile import Profile
-    from xitl_cli.profile.load import LoadedProfile
+from xitl_cli.logs.model.text import plural
 
 
 def list_profiles(as_json: Json = False) -> None:
-    """List the profiles that come with xitl; those at the top run."""
+    """List the profiles that come with xitl: first those that can run, then the parts of profiles."""
     from xitl_cli.profile import load_profile
     from xitl_cli.profile.files.catalogue import shipped_profiles
 
@@ -25,8 +23,8 @@ def list_profiles(as_json: Json = False) -> None:
         import json
 
         rows = [
-            {"name": name, "technique": one.technique, "role": one.role(), "description": one.description}
-            for name, one in loaded.items()
+            {"name": name, "technique": profile.technique, "role": profile.role(), "description": profile.description}
+            for name, profile in loaded.items()
         ]
         typer.echo(json.dumps({"profiles": rows}, ensure_ascii=False))
         return
@@ -41,20 +39,14 @@ def list_profiles(as_json: Json = False) -> None:
         console.print()
 
 
-def _role(profile: Profile) -> str:
-    if profile.vessels is None:
-        return profile.role()
-    sailed = len(profile.sailed)
-    scripted = len(profile.vessels) - sailed
-    return f"{profile.role()}, {sailed} vessel{'s' if sailed > 1 else ''}{f', {scripted} scripted' if scripted else ''}"
-
-
 def show(
     name: ProfileName,
     overrides: Set = None,
-    origins: Annotated[bool, typer.Option("--origins", help="One value a line, with where it was written.")] = False,
+    origins: Annotated[
+        bool, typer.Option("--origins", help="Print one key per line, with the file and line that set its value.")
+    ] = False,
 ) -> None:
-    """Show a profile with everything it extends, all overrides and all defaults."""
+    """Show all keys of a profile, with the values of the profiles it extends, of --set and of defaults."""
     from rich.text import Text
 
     from xitl_cli.profile import load_with_origins, resolved_yaml
@@ -80,23 +72,24 @@ def check(
         list[str] | None,
         typer.Argument(
             metavar="PROFILE...",
-            help="Names or paths; all shipped profiles if none.",
+            help="Names or paths of profiles (default: all shipped profiles).",
             autocompletion=complete_profile,
         ),
     ] = None,
     overrides: Set = None,
 ) -> None:
-    """Check profiles and list everything that is wrong with them, one problem a line."""
+    """Check profiles and print all their problems, one per line."""
     from rich.text import Text
 
     from xitl_cli.profile import ProfileError, load_with_origins
     from xitl_cli.profile.files.catalogue import shipped_profiles
+    from xitl_cli.run.sensors.compass import compass_warnings
 
     console = terminal()
     wrong = 0
     for name in names or shipped_profiles():
         try:
-            found = load_with_origins(name, overrides or ())
+            loaded = load_with_origins(name, overrides or ())
         except ProfileError as error:
             wrong += 1
             for problem in error.problems:
@@ -105,18 +98,16 @@ def check(
             wrong += 1
             console.print(Text(str(error), style="red"), soft_wrap=True)
         else:
-            console.print(Text.assemble(("ok", "green"), f"  {name} ({_role(found.profile)})"), soft_wrap=True)
-            for text in (*found.warnings, *_compass_warnings(found)):
+            profile = loaded.profile
+            role: str = profile.role()
+            if profile.vessels is not None:
+                scripted = len(profile.vessels) - len(profile.sailed)
+                role += f", {plural(len(profile.sailed), 'vessel')}" + (f", {scripted} scripted" if scripted else "")
+            console.print(Text.assemble(("ok", "green"), f"  {name} ({role})"), soft_wrap=True)
+            warnings = list(loaded.warnings)
+            with suppress(UserError):  # a part of a profile cannot run
+                warnings += compass_warnings(profile.run_profiles())
+            for text in warnings:
                 console.print(Text(f"warning: {text}", style="yellow"), soft_wrap=True)
     if wrong:
         raise typer.Exit(2)
-
-
-def _compass_warnings(loaded: LoadedProfile) -> list[str]:
-    """Return the warnings of a profile that can run; none for a part of a profile."""
-    from xitl_cli.run.sensors.compass import compass_warnings
-
-    try:
-        return compass_warnings(loaded.profile.run_profiles())
-    except UserError:
-        return []

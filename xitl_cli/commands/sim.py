@@ -24,14 +24,18 @@ def sim(
         str | None,
         typer.Argument(
             metavar="PROFILE",
-            help="A shipped profile's name (`xitl profiles list`), or a path to a .yaml file; sitl if left out.",
+            help="Name of a shipped profile (`xitl profiles list`) or path of a .yaml file (default: sitl).",
             autocompletion=complete_profile,
         ),
     ] = None,
     profile_option: Annotated[
         str | None,
         typer.Option(
-            "--profile", "-p", metavar="PROFILE", help="The same, as an option.", autocompletion=complete_profile
+            "--profile",
+            "-p",
+            metavar="PROFILE",
+            help="The profile, as an option instead of the argument.",
+            autocompletion=complete_profile,
         ),
     ] = None,
     parts: Annotated[
@@ -39,51 +43,68 @@ def sim(
         typer.Option(
             "--with",
             metavar="PART",
-            help="Lay a part on the profile: environments/calm, faults/lossy-link, or a path. Repeatable.",
+            help="Add a partial profile whose keys override those of the profile: a shipped one such as "
+            "environments/calm or faults/lossy-link, or a path. Repeatable.",
             autocompletion=complete_profile,
         ),
     ] = None,
     overrides: Set = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Run directory (default: runs/<profile>-<time>).")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Write the run directory here (default: runs/<profile>-<time>)."),
     ] = None,
     duration: Annotated[
         float | None,
         typer.Option(
             "--duration",
             metavar="S",
-            help="End after this much simulated time from the start, also of what passes while the vessel is frozen "
-            "until armed. Reaching it is success (exit code 0); that of the profile, clock.duration_s, is a limit.",
+            help="End after this many seconds of simulated time, which also pass while the vessel is frozen until "
+            "armed. Reaching them is success (exit code 0). Reaching the profile's limit, clock.duration_s, is not.",
         ),
     ] = None,
-    clock: Annotated[str | None, typer.Option("--clock", metavar="MODE", help="lockstep or realtime.")] = None,
+    clock: Annotated[
+        str | None,
+        typer.Option(
+            "--clock",
+            metavar="MODE",
+            help="lockstep (repeatable, as fast as possible) or realtime (default: clock.mode of the profile).",
+        ),
+    ] = None,
     firmware: Annotated[
         str | None,
         typer.Option(
             "--firmware",
             metavar="PATH",
-            help="Program of the autopilot to start; `find` looks for one, `external` waits for one started elsewhere. "
-            "Vessels of a fleet that name their own keep it.",
+            help="Autopilot program to start. `find` searches for an installed one; `external` waits for one that you "
+            "start. Vessels of a fleet with their own autopilot.firmware keep it.",
         ),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", metavar="N", help="Seed of all random numbers (default: clock.seed of the profile)."),
+    ] = None,
     replay_events: Annotated[
         Path | None,
         typer.Option(
             "--replay-events",
             metavar="RUN",
-            help="Do again, when it was done, what a person did in an earlier run: its directory, a .mcap or .jsonl.",
+            help="Repeat the operator's actions of an earlier run at their simulated times. RUN is a run directory, "
+            "a .mcap or a .jsonl file.",
         ),
     ] = None,
     pace: Annotated[
         float | None,
-        typer.Option("--pace", metavar="X", help="Times real time, in lockstep (default: as fast as it can)."),
+        typer.Option(
+            "--pace",
+            metavar="X",
+            help="Limit a lockstep run to X times real time (default: as fast as possible; 1 with a view or ROS).",
+        ),
     ] = None,
     view: Annotated[
         bool | None,
         typer.Option(
             "--view/--no-view",
-            help="Show it in a browser in 3D while it goes on; its address is printed.",
+            help="Show the run in 3D in a web browser. xitl prints the address of the page.",
             show_default=False,
         ),
     ] = None,
@@ -92,41 +113,46 @@ def sim(
         typer.Option(
             "--view-host",
             metavar="ADDRESS",
-            help="Where the view listens, 0.0.0.0 for everywhere; the address it prints has a token in it.",
+            help="IP address on which the view listens (default: 127.0.0.1; 0.0.0.0: every network interface).",
         ),
     ] = None,
     view_port: Annotated[
-        int | None, typer.Option("--view-port", metavar="PORT", help="Its port (default: 8470, or a free one).")
+        int | None,
+        typer.Option("--view-port", metavar="PORT", help="TCP port of the view (default: 8470, or a free one)."),
     ] = None,
     live: Annotated[
         str | None,
-        typer.Option("--live", metavar="foxglove", help="Serve what is recorded to Foxglove while it goes on."),
+        typer.Option("--live", metavar="foxglove", help="Stream the recorded topics to Foxglove during the run."),
     ] = None,
     live_port: Annotated[
         int | None,
-        typer.Option("--live-port", metavar="PORT", help="Where: of 127.0.0.1 (default: 8765, or a free one)."),
+        typer.Option(
+            "--live-port", metavar="PORT", help="TCP port of --live on 127.0.0.1 (default: 8765, or a free one)."
+        ),
     ] = None,
     live_commands: Annotated[
-        bool, typer.Option("--live-commands", help="Let clients of --live act; otherwise they only read.")
+        bool,
+        typer.Option("--live-commands", help="Let Foxglove send commands to the run (default: it can only watch)."),
     ] = False,
     ros: Annotated[
         str | None,
         typer.Option(
             "--ros",
             metavar="[URL]",
-            help="Publish it for nodes of ROS 2 as it goes on, or of ROS 1 at ros1://HOST:PORT, and do what they ask.",
+            help="Publish the recorded topics in ROS during the run and accept commands from ROS nodes: ROS 2, or "
+            "ROS 1 with the URL of its master, ros1://HOST:PORT.",
         ),
     ] = None,
-    no_ros: Annotated[bool, typer.Option("--no-ros", help="Without ROS, though the profile has it.")] = False,
+    no_ros: Annotated[bool, typer.Option("--no-ros", help="Run without ROS, even if the profile enables it.")] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Also print the tables of links, tasks, clocks and faults.")
+        bool, typer.Option("--verbose", "-v", help="Also print tables of links, tasks, clocks and faults.")
     ] = False,
     as_json: Json = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Run a simulation.
 
-    Exit code: 0 completed, or --duration reached; 1 not completed; 2 something to put right; 130 interrupted.
+    Exit code: 0 completed, or --duration reached; 1 not completed; 2 wrong input or a failed run; 130 interrupted.
     """
     from xitl_cli.commands.sim_report import show_result
     from xitl_cli.profile import load_with_origins
@@ -136,9 +162,9 @@ def sim(
     from xitl_cli.run.session import run
 
     if profile is not None and profile_option is not None:
-        raise UserError(f"{profile} and --profile {profile_option}: are two profiles; give one of them")
+        raise UserError(f"{profile} and --profile {profile_option} are two profiles; give one of them")
     if view is False and (view_host is not None or view_port is not None):
-        raise UserError("--no-view and --view-host or --view-port: are of no view and of one; give one of them")
+        raise UserError("--no-view contradicts --view-host and --view-port; remove one of them")
     options = {
         "clock.duration_s": duration,
         "clock.mode": clock,
@@ -150,18 +176,20 @@ def sim(
         **live_options(live, live_port, live_commands),
         **ros_options(ros, no_ros),
     }
-    given = [f"{key}={value}" for key, value in options.items() if value is not None]
-    found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given], parts or ())
-    loaded = found.profile
-    operation = operation_of(loaded, replay_events, pace)
+    settings = [*(overrides or []), *(f"{key}={value}" for key, value in options.items() if value is not None)]
+    loaded = load_with_origins(profile or profile_option or DEFAULT_PROFILE, settings, parts or ())
+    name, warnings = loaded.profile.name, list(loaded.warnings)
+    if firmware is not None:
+        warnings += _beyond_firmware(loaded.profile)
+    operation = operation_of(loaded.profile, replay_events, pace)
     console = terminal(stderr=as_json)
     result = run(
-        loaded,
-        out or default_path(loaded.name),
+        loaded.profile,
+        out or default_path(name),
         overwrite,
-        lambda: make_display(console, loaded.name, as_json),
+        lambda: make_display(console, name, as_json),
         timed=duration is not None,
-        warnings=[*found.warnings, *_beyond_firmware(loaded, firmware)],
+        warnings=warnings,
         operation=operation,
         tell=lambda text: console.print(text, soft_wrap=True),
     )
@@ -171,7 +199,7 @@ def sim(
         else:
             show_result(console, result, verbose)
     if result.summary["error"]:
-        raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
+        raise UserError(f"{result.summary['error']} (the recording until then is in {result.directory})")
     raise typer.Exit(result.exit_code)
 
 
@@ -192,16 +220,17 @@ def live_options(live: str | None, port: int | None, commands: bool) -> dict[str
     Raises UserError for another server.
     """
     if live not in (None, "foxglove"):
-        raise UserError(f"--live {live}: is not known; use foxglove, or --view for a page of xitl's own")
-    given = {"live.port": port, "live.commands": True if commands else None}
-    return {"live.foxglove": True, **given} if live is not None or any(given.values()) else {}
+        raise UserError(f"--live {live} is unknown; use --live foxglove, or --view for the 3D view of xitl")
+    if live is None and not port and not commands:
+        return {}
+    return {"live.foxglove": True, "live.port": port, "live.commands": True if commands else None}
 
 
 def ros_options(ros: str | None, without: bool) -> dict[str, str | None]:
     """Return the profile keys for `--ros` and `--no-ros`. Raises UserError for an unknown ROS."""
     if without:
         if ros is not None:
-            raise UserError("--ros and --no-ros: are opposites; give one of them")
+            raise UserError("--ros contradicts --no-ros; give one of them")
         return {"ros.enabled": "false"}
     if ros is None:
         return {}
@@ -209,16 +238,16 @@ def ros_options(ros: str | None, without: bool) -> dict[str, str | None]:
         return {"ros.enabled": "true", "ros.master": "null"}
     if ros.startswith("ros1:"):
         return {"ros.enabled": "true", "ros.master": ros}
-    raise UserError(f"--ros {ros}: names no ROS; use --ros, or --ros ros1://localhost:11311")
+    raise UserError(f"--ros {ros} is no ROS; use --ros for ROS 2, or --ros ros1://localhost:11311 for ROS 1")
 
 
-def _beyond_firmware(profile: Profile, firmware: str | None) -> Iterator[str]:
+def _beyond_firmware(profile: Profile) -> Iterator[str]:
     """Yield a sentence with the vessels that `--firmware` does not affect."""
-    if firmware is None or profile.vessels is None:
+    if profile.vessels is None:
         return
-    given = None if profile.autopilot is None else profile.autopilot.firmware
-    autopilots = {name: one.autopilot for name, one in profile.sailed.items() if one.autopilot is not None}
-    own = [name for name, one in autopilots.items() if one.started_here and one.firmware != given]
+    fleet_firmware = None if profile.autopilot is None else profile.autopilot.firmware
+    autopilots = {name: vessel.autopilot for name, vessel in profile.sailed.items() if vessel.autopilot is not None}
+    own = [name for name, pilot in autopilots.items() if pilot.started_here and pilot.firmware != fleet_firmware]
     if own:
-        keys = f"vessels.{own[0]}.autopilot.firmware=PATH"
-        yield f"--firmware does not reach {', '.join(own)}, which have a firmware of their own; use --set {keys}"
+        key = f"vessels.{own[0]}.autopilot.firmware=PATH"
+        yield f"--firmware has no effect on {', '.join(own)}: the profile sets their firmware; use --set {key}"

@@ -25,20 +25,20 @@ def show_result(console: Console, result: Result, verbose: bool = False) -> None
     summary = result.summary
     for text, style in verdict_lines(summary):
         say(console, text, style)
-    said = not_real_time(tuple(summary["verdict"]["shortfalls"]))
-    warnings = [("warning", text, "yellow") for text in summary["warnings"] if text != said]
+    in_verdict = not_real_time(tuple(summary["verdict"]["shortfalls"]))
+    warnings = [("warning", text, "yellow") for text in summary["warnings"] if text != in_verdict]
     if "vessels" in summary:
         show_fleet(console, summary, warnings, verbose)
     else:
         results = (*_one_line_each(summary), *perception_rows(summary), *ros_rows(summary), *incidents(summary))
-        show_facts(console, [*results, *warnings, _realism(summary)])
+        show_facts(console, [*results, *warnings, ("profile", _profile_text(summary))])
         if verbose:
             _show_all(console, summary)
     files = (directory.RECORDING, directory.SUMMARY, directory.PROFILE, *_MORE)
-    kept = [name for name in files if (result.directory / name).exists()]
+    contents = [name for name in files if (result.directory / name).exists()]
     if "vessels" in summary:
-        kept.append(f"{plural(len(summary['vessels']), 'folder')} of its vessels")
-    console.print(f"{result.directory}/: {', '.join(kept)}", soft_wrap=True)
+        contents.append(f"{plural(len(summary['vessels']), 'folder')} of its vessels")
+    console.print(f"{result.directory}/: {', '.join(contents)}", soft_wrap=True)
 
 
 MOST_ROWS = 16
@@ -52,25 +52,35 @@ def show_fleet(
     """Print a row for each vessel, its incidents, and the run; verbose: all vessels, and all tables of each as well."""
     vessels: dict[str, dict[str, Any]] = summary["vessels"]
     names = list(vessels) if verbose else worst_vessels(vessels, MOST_ROWS)
-    show_rows(
-        console, _FLEET_HEADS, [fleet_row(summary, name) for name in names], (0, 1), _fleet_styles(vessels, names)
-    )
-    rest = [name for name in vessels if name not in names]
-    if rest:
-        done = sum(vessels[name]["driver"]["completed"] for name in rest)
-        say(console, f"and {len(rest)} more, of which {done} completed; --verbose shows them, summary.json has them")
-    facts = [(name, f"{what}: {text}") for name, part in vessels.items() for what, text in _of_vessel(part)]
-    told = facts if verbose else facts[:MOST_ROWS]
-    if len(told) < len(facts):
-        told.append(("", f"and {len(facts) - len(told)} more of the kind, in summary.json"))
-    own = [(name, text, "yellow") for name, part in vessels.items() for text in part["warnings"]]
-    ros = ros_rows(summary)
-    show_facts(console, [*told, *own, *ros, *warnings, _fleet_timing(summary), _fleet_profile(summary)])
-    for name, part in vessels.items() if verbose else ():
-        console.print()
-        say(console, name, "bold")
-        _show_all(console, {**part, "pace": None})
+    styles = ["" if vessels[name]["driver"]["completed"] else "yellow" for name in names]
+    show_rows(console, _FLEET_HEADS, [fleet_row(summary, name) for name in names], (0, 1), styles)
+    hidden = [name for name in vessels if name not in names]
+    if hidden:
+        done = sum(vessels[name]["driver"]["completed"] for name in hidden)
+        say(console, f"and {len(hidden)} more, {done} of them completed; see summary.json, or use --verbose")
+    # What needs attention, of each vessel
+    incidents_of_all: list[tuple[str, str]] = []
+    for name, part in vessels.items():
+        facts = [*perception_rows(part), *incidents(part)]
+        facts += [("links", _links_line([link])) for link in part["links"] if link["lost"] or link["dropped"]]
+        incidents_of_all += [(name, f"{label}: {text}") for label, text in facts]
+    shown = incidents_of_all if verbose else incidents_of_all[:MOST_ROWS]
+    if len(shown) < len(incidents_of_all):
+        shown.append(("", f"and {len(incidents_of_all) - len(shown)} more incidents; see summary.json"))
+    own_warnings = [(name, text, "yellow") for name, part in vessels.items() for text in part["warnings"]]
+    # The run
+    every = {
+        key: [*summary.get(key, ()), *(row for part in vessels.values() for row in part[key])]
+        for key in ("tasks", "nodes")
+    }
+    profile = f"{summary['profile']} ({summary['technique']}, seed {summary['seed']}), {plural(len(vessels), 'vessel')}"
+    run = (("timing", _timing({**every, "clocks": []})), ("profile", profile))
+    show_facts(console, [*shown, *own_warnings, *ros_rows(summary), *warnings, *run])
     if verbose:
+        for name, part in vessels.items():
+            console.print()
+            say(console, name, "bold")
+            _show_all(console, {**part, "pace": None})
         console.print()
         nothing: dict[str, Any] = {key: [] for key in ("nodes", "links", "faults")}
         _show_all(console, {**summary, **nothing, "autopilot": None, "actuators": None})
@@ -118,30 +128,6 @@ def closest_m(summary: dict[str, Any], name: str) -> float | None:
         ),
         default=None,
     )
-
-
-def _fleet_styles(vessels: Mapping[str, dict[str, Any]], names: Sequence[str]) -> list[str]:
-    return ["" if vessels[name]["driver"]["completed"] else "yellow" for name in names]
-
-
-def _of_vessel(part: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the facts of a vessel that need attention."""
-    yield from perception_rows(part)
-    yield from incidents(part)
-    for link in part["links"]:
-        if link["lost"] or link["dropped"]:
-            yield "links", _links_line([link])
-
-
-def _fleet_timing(summary: dict[str, Any]) -> tuple[str, str]:
-    parts = summary["vessels"].values()
-    every = {key: [*summary.get(key, ()), *(row for part in parts for row in part[key])] for key in ("tasks", "nodes")}
-    return "timing", _timing({**every, "clocks": []})
-
-
-def _fleet_profile(summary: dict[str, Any]) -> tuple[str, str]:
-    count = plural(len(summary["vessels"]), "vessel")
-    return "profile", f"{summary['profile']} ({summary['technique']}, seed {summary['seed']}), {count}"
 
 
 def verdict_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -192,15 +178,15 @@ def _timing(summary: dict[str, Any]) -> str:
     if not missed:
         text = f"none of {cycles} deadlines of {plural(len(tasks), 'task')} missed"
     else:
-        told = (f"{task['task']} {task['missed']} of {task['cycles'] + task['skipped']}" for task in missed)
-        text = f"deadlines missed: {', '.join(told)}"
+        counts = (f"{task['task']} {task['missed']} of {task['cycles'] + task['skipped']}" for task in missed)
+        text = f"deadlines missed: {', '.join(counts)}"
     drifts = [clock for clock in summary["clocks"] if clock["drift_ppm"] and clock["node"] != "PS1"]
     for clock in drifts:
         text += f"; clock of {clock['node']} {clock['drift_ppm']:+.2f} ppm"
         if clock["drift_error_ppm"] is not None:
             text += f" (standard error {clock['drift_error_ppm']:.2g})"
     if any(node["machine"].startswith(EMULATED) for node in summary["nodes"]):
-        text += "; an emulated board's timing is its emulator's"
+        text += "; the timing of an emulated board is that of its emulator"
     return text
 
 
@@ -211,14 +197,14 @@ def _links_line(links: list[dict[str, Any]]) -> str:
     for link in links:
         if link["lost"] is None and (link["sent"] or link["received"]):
             least = f", at least {link['gaps']}" if link["gaps"] else ""
-            troubles.append(f"unknown how many lost of {link['name']}{least}")
+            troubles.append(f"unknown number lost of {link['name']}{least}")
     troubles += [f"{link['dropped']} dropped of {link['name']}" for link in links if link["dropped"]]
     text = f"{frames} frames, {', '.join(troubles) or 'none lost'}"
     slow = [f"{link['name']} {link['latency_us']['p99'] / 1e3:.1f} ms" for link in links if link["latency_us"]["p99"]]
-    return text + (f"; 99 % of {', '.join(slow)} or less" if slow else "")
+    return text + (f"; latency, 99 %: {', '.join(slow)}" if slow else "")
 
 
-def _realism(summary: dict[str, Any]) -> tuple[str, str]:
+def _profile_text(summary: dict[str, Any]) -> str:
     graph = summary["graph"]
     measured = graph["measured"]["wdri"]
     text = (
@@ -226,27 +212,24 @@ def _realism(summary: dict[str, Any]) -> tuple[str, str]:
         f"WDRI {summary['wdri']:.2f} claimed, {'none' if measured is None else f'{measured:.2f}'} measured"
     )
     if graph["missing"]:
-        text += f"\nclaimed, but nothing was carried: {', '.join(graph['missing'])}"
+        text += f"\nclaimed links without data: {', '.join(graph['missing'])}"
     if graph["unclaimed"]:
-        text += f"\ncarried, but not claimed: {', '.join(graph['unclaimed'])}"
+        text += f"\nlinks with data, not claimed: {', '.join(graph['unclaimed'])}"
     if graph["overclaimed"]:
-        text += f"\nclaimed real, but virtual: {', '.join(graph['overclaimed'])}"
-    return "profile", text
+        text += f"\nnodes claimed real, but virtual: {', '.join(graph['overclaimed'])}"
+    return text
 
 
 def _show_all(console: Console, summary: dict[str, Any]) -> None:
     show_facts(console, [*autopilot_rows(summary["autopilot"]), *details(summary)])
-    for heads, rows, text in (_links(summary), _tasks(summary), _clocks(summary), _faults(summary)):
+    for heads, rows, text_columns in _tables(summary):
         if rows:
             console.print()
-            show_rows(console, heads, rows, text)
+            show_rows(console, heads, rows, text_columns)
 
 
-Rows = tuple[tuple[str, ...], list[list[str]], tuple[int, ...]]
-"""Headings, rows, and the numbers of the text columns."""
-
-
-def _links(summary: dict[str, Any]) -> Rows:
+def _tables(summary: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], list[list[str]], tuple[int, ...]]]:
+    """Yield headings, rows and the numbers of the text columns of each table."""
     rows = [
         [
             link["name"],
@@ -255,73 +238,48 @@ def _links(summary: dict[str, Any]) -> Rows:
         ]
         for link in summary["links"]
     ]
-    return ("link", "sent", "received", "lost", "dropped", "p50 µs", "p99 µs", "max µs"), rows, (0,)
-
-
-def _tasks(summary: dict[str, Any]) -> Rows:
+    yield ("link", "sent", "received", "lost", "dropped", "p50 µs", "p99 µs", "max µs"), rows, (0,)
     rows = [
         [
             task["node"],
             task["task"],
             f"{task['rate_hz']:g}",
-            _count(task["cycles"]),
-            _count(task["missed"]),
-            _number(task["start_jitter_p99_us"]),
-            _number(task["start_jitter_max_us"]),
-            _number(task["run_p99_us"]),
-            _number(task["run_max_us"]),
+            *(_count(task[key]) for key in ("cycles", "missed")),
+            *(_number(task[key]) for key in ("start_jitter_p99_us", "start_jitter_max_us", "run_p99_us", "run_max_us")),
         ]
         for task in summary["tasks"]
     ]
-    return ("node", "task", "Hz", "cycles", "missed", "late p99", "max µs", "run p99", "max µs"), rows, (0, 1)
-
-
-def _clocks(summary: dict[str, Any]) -> Rows:
-    """Return the table of clocks: drift in ppm, its standard error from the fit, and its variation over 10 s.
-
-    It fits in 80 columns for machines with an uptime of up to three years.
-    """
-    rows = [
-        [
-            clock["node"],
-            _offset(clock["offset_us"]),
-            _number(clock["asymmetry_bound_us"]),
-            *(_places(clock[key]) for key in ("drift_ppm", "drift_error_ppm", "drift_std_ppm")),
-            "–" if clock["slope_s"] is None else f"{clock['slope_s'] * 1e3:.5f}",
-            _number(None if clock["slope_std_s"] is None else clock["slope_std_s"] * 1e6),
-            _count(clock["steps"]),
-        ]
-        for clock in summary["clocks"]
-    ]
-    heads = ("clock", "offset", "± µs", "drift", "± ppm", "varies", "sample ms", "varies µs", "steps")
-    return heads, rows, (0,)
-
-
-def _faults(summary: dict[str, Any]) -> Rows:
-    rows = [
-        [
-            fault["name"],
-            "never" if fault["from_s"] is None else f"{fault['from_s']:g}",
-            "the end" if fault["from_s"] is not None and fault["until_s"] is None else _plain(fault["until_s"]),
-            ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in fault["did"].items()) or "–",
-        ]
-        for fault in summary["faults"]
-    ]
-    return ("fault", "from s", "until s", "what it did"), rows, (0, 3)
-
-
-def _places(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f}"
-
-
-def _offset(value_us: float | None) -> str:
-    if value_us is None:
-        return "–"
-    return f"{value_us * 1e-6:.4f} s" if abs(value_us) >= 1e5 else _number(value_us, "µs")
-
-
-def _plain(value: float | None) -> str:
-    return "–" if value is None else f"{value:g}"
+    yield ("node", "task", "Hz", "cycles", "missed", "late p99", "max µs", "run p99", "max µs"), rows, (0, 1)
+    # Clocks: drift in ppm, its standard error from the fit, and its variation over 10 s. The table fits in 80 columns
+    # for machines with an uptime of up to three years.
+    rows = []
+    for clock in summary["clocks"]:
+        offset_us, slope_std_s = clock["offset_us"], clock["slope_std_s"]
+        long = offset_us is not None and abs(offset_us) >= 1e5
+        rows.append(
+            [
+                clock["node"],
+                f"{offset_us * 1e-6:.4f} s" if long else _number(offset_us, "µs"),
+                _number(clock["asymmetry_bound_us"]),
+                *(
+                    "–" if clock[key] is None else f"{clock[key]:.2f}"
+                    for key in ("drift_ppm", "drift_error_ppm", "drift_std_ppm")
+                ),
+                "–" if clock["slope_s"] is None else f"{clock['slope_s'] * 1e3:.5f}",
+                _number(None if slope_std_s is None else slope_std_s * 1e6),
+                _count(clock["steps"]),
+            ]
+        )
+    yield ("clock", "offset", "± µs", "drift", "± ppm", "varies", "sample ms", "varies µs", "steps"), rows, (0,)
+    rows = []
+    for fault in summary["faults"]:
+        begin = "never" if fault["from_s"] is None else f"{fault['from_s']:g}"
+        end = "–" if fault["from_s"] is None else "the end"
+        if fault["until_s"] is not None:
+            end = f"{fault['until_s']:g}"
+        effects = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in fault["did"].items())
+        rows.append([fault["name"], begin, end, effects or "–"])
+    yield ("fault", "from s", "until s", "effects"), rows, (0, 3)
 
 
 def _count(value: int | None) -> str:
@@ -348,48 +306,41 @@ def autopilot_rows(section: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     """Yield (label, text) of `autopilot` in summary.json."""
     if section is None:
         return
-    who = " ".join(filter(None, (section["kind"], section["vehicle"], section["firmware"])))
-    yield "autopilot", who
+    yield "autopilot", " ".join(filter(None, (section["kind"], section["vehicle"], section["firmware"])))
     times = [f"{word} {section[key]:.1f} s" for key, word in _TIMES.items() if section[key] is not None]
     if times:
         yield "", ", ".join(times)
     if not section["log"]:
-        yield "", "its own log stays where it runs" if section["program"] is None else "it left no log of its own"
+        yield "", "its log stays on its machine" if section["program"] is None else "it wrote no log"
     counts = section["bridge"]
     if counts is not None:
-        yield "bridge", _bridge(counts)
+        sent = ", ".join(f"{counts[key]} {word}" for key, word in _SENT.items() if counts[key])
+        words = [f"{counts['outputs_in']} outputs back"]
+        if counts["world_rate"]:
+            words.append(f"world at {counts['world_rate']} Hz")
+        words += [f"{counts[key]} {word}" for key, word in troubles(BridgeCounts).items() if counts[key]]
+        yield "bridge", (f"frames in: {sent}" if sent else "no frames in") + f"\n{', '.join(words)}"
     scheduler = section["scheduler"]
     if scheduler is not None:
-        yield "scheduler", _scheduler(scheduler, section["clock"], section["agent"])
+        words = [] if scheduler["long_loops"] is None else [f"{scheduler['long_loops']} long"]
+        if scheduler["loops"] is not None:
+            words.append(f"of {scheduler['loops']} loops")
+        text = " ".join(words)
+        if scheduler["max_us"] is not None:
+            text += f", longest {scheduler['max_us'] / 1e3:.1f} ms"
+        if scheduler["load_max_percent"] is not None:
+            text += f", load {scheduler['load_mean_percent']:.1f} %, at most {scheduler['load_max_percent']:.1f} %"
+        if section["clock"] != "real":
+            text += "\n(measured by its simulated clock, not in processor time)"
+        agent = section["agent"]
+        yield "scheduler", f"{text}\nthe agent missed {agent['missed']} of {agent['cycles']} cycles"
 
 
-def _bridge(counts: dict[str, int]) -> str:
-    sent = [f"{counts[key]} {word}" for key, word in _SENT.items() if counts[key]]
-    words = [f"frames in: {', '.join(sent)}" if sent else "no frames in", f"{counts['outputs_in']} outputs back"]
-    if counts["world_rate"]:
-        words.append(f"world at {counts['world_rate']} Hz")
-    words += [f"{counts[key]} {word}" for key, word in troubles(BridgeCounts).items() if counts[key]]
-    return "\n".join((words[0], ", ".join(words[1:])))
-
-
-def _scheduler(scheduler: dict[str, Any], clock: str, agent: dict[str, int]) -> str:
-    words = [f"{scheduler[key]} {word}" for key, word in (("long_loops", "long"),) if scheduler[key] is not None]
-    if scheduler["loops"] is not None:
-        words.append(f"of {scheduler['loops']} loops")
-    text = " ".join(words)
-    if scheduler["max_us"] is not None:
-        text += f", longest {scheduler['max_us'] / 1e3:.1f} ms"
-    if scheduler["load_max_percent"] is not None:
-        text += f", load {scheduler['load_mean_percent']:.1f} %, at most {scheduler['load_max_percent']:.1f} %"
-    if clock != "real":
-        text += "\n(by its simulated clock: says nothing of processor time)"
-    return text + f"\nthe agent missed {agent['missed']} of {agent['cycles']} cycles"
-
-
+_MACHINE_STATE = {"memory_mib": "{:.0f} MiB", "cpu_percent": "CPU {:.0f} %", "temperature_c": "{:.0f} °C"}
 _HOST_END = {
-    "losses": "breaks of the line",
+    "losses": "lost connections",
     "errors": "bus errors",
-    "incomplete": "transfers with a hole",
+    "incomplete": "incomplete transfers",
     "malformed": "malformed frames",
     "foreign": "foreign frames",
 }
@@ -410,19 +361,33 @@ def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
             yield "fence", f"limits the speed at {event['at_s']:.1f} s, in mode {event['mode']}"
     begun = [fault["name"] for fault in summary["faults"] if fault["from_s"] is not None]
     if begun:
-        yield "faults", f"in force on purpose: {', '.join(begun)}"
+        yield "faults", f"injected: {', '.join(begun)}"
     collisions = summary["collisions"]
     if collisions is not None and collisions["count"]:
-        yield "collisions", _collisions(collisions)
+        bodies = ", ".join(f"{count} with {body}" for body, count in collisions["by"].items())
+        yield (
+            "collisions",
+            f"{collisions['count']}: {bodies}; the first at {collisions['first_s']:.2f} s, "
+            f"the hardest at {collisions['max_impact_mps']:.2f} m/s",
+        )
 
 
 def details(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield (label, text) about machines, commands and links, from summary.json."""
     for node in summary["nodes"]:
-        yield "node", _node(node)
+        words = [node["nodes"].replace(",", " "), node["kind"], node["machine"], *node["flags"]]
+        if node["link"] != "agent":
+            words.insert(0, node["link"])
+        words += [text.format(node[key]) for key, text in _MACHINE_STATE.items() if node[key] is not None]
+        words += [f"{node[key]} {text}" for key, text in troubles(NodeReport).items() if node[key]]
+        yield "node", ", ".join(word for word in words if word)
     actuators = summary["actuators"]
     if actuators is not None and actuators["age_us"]["max"]:
-        yield "commands", _actuators(actuators)
+        p50_ms, p99_ms, max_ms = (actuators["age_us"][key] / 1e3 for key in ("p50", "p99", "max"))
+        text = f"{p50_ms:.1f} ms old when used, p99 {p99_ms:.1f}, at most {max_ms:.1f} ms"
+        if actuators["stale"]:
+            text += f"; none new at {actuators['stale']} exchanges, at most {actuators['longest_stale']} in a row"
+        yield "commands", text
     for link in summary["links"]:
         odd = [f"{link[key]} {words}" for key, words in troubles(LinkReport).items() if link[key]]
         odd += [
@@ -432,35 +397,10 @@ def details(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
             yield "link", f"{link['name']}: {', '.join(odd)}"
     pace = summary["pace"]
     if pace is not None and pace["slips"]:
-        times = "once" if pace["slips"] == 1 else f"{pace['slips']} times"
-        yield "stood still", f"{times}, {pace['slipped_s']:.1f} s in all: this machine did not run meanwhile"
-
-
-def _node(node: dict[str, Any]) -> str:
-    words = [node["nodes"].replace(",", " "), node["kind"], node["machine"], *node["flags"]]
-    if node["link"] != "agent":
-        words.insert(0, node["link"])
-    for key, text in (("memory_mib", "{:.0f} MiB"), ("cpu_percent", "CPU {:.0f} %"), ("temperature_c", "{:.0f} °C")):
-        if node[key] is not None:
-            words.append(text.format(node[key]))
-    words += [f"{node[key]} {text}" for key, text in troubles(NodeReport).items() if node[key]]
-    return ", ".join(word for word in words if word)
-
-
-def _collisions(collisions: dict[str, Any]) -> str:
-    with_what = ", ".join(f"{count} with {what}" for what, count in collisions["by"].items())
-    return (
-        f"{collisions['count']}: {with_what}; the first at {collisions['first_s']:.2f} s, "
-        f"the hardest at {collisions['max_impact_mps']:.2f} m/s"
-    )
-
-
-def _actuators(actuators: dict[str, Any]) -> str:
-    age = actuators["age_us"]
-    text = f"{age['p50'] / 1e3:.1f} ms old when used, p99 {age['p99'] / 1e3:.1f}, at most {age['max'] / 1e3:.1f} ms"
-    if actuators["stale"]:
-        text += f"; none new at {actuators['stale']} exchanges, at most {actuators['longest_stale']} in a row"
-    return text
+        yield (
+            "suspended",
+            f"{plural(pace['slips'], 'time')}, {pace['slipped_s']:.1f} s in all: this machine did not run",
+        )
 
 
 def ros_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -472,57 +412,53 @@ def ros_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     topics = len(ros["published"])
     text = f"{plural(published, 'message')} on {plural(topics, 'topic')} out, {received} in"
     if ros["refused"]:
-        text += f", of which {ros['refused']} not taken"
+        text += f", {ros['refused']} of them rejected"
     yield "ROS", text
     if dropped:
         worst = max(ros["dropped"], key=ros["dropped"].__getitem__)
-        yield "ROS", f"{dropped} recorded messages came too fast for the bridge and were dropped, most of {worst}"
+        yield "ROS", f"the bridge was too slow for {dropped} recorded messages and dropped them, most of {worst}"
 
 
 def perception_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield rows on the companion's results; none without a companion."""
     odometry, mapping, obstacles = summary["odometry"], summary["mapping"], summary["obstacles"]
     if odometry is not None and odometry["poses"]:
-        yield "odometry", _odometry(odometry)
+        ate_m, path_m = odometry["ate_rms_m"], odometry["path_m"]
+        if ate_m is None:
+            text = f"{odometry['poses']} poses, too few to compare with the truth"
+        else:
+            text = "" if odometry["rate_hz"] is None else f"{odometry['rate_hz']:.1f} Hz, "
+            text += f"ATE {ate_m:.2f} m"
+            if path_m:
+                text += f" ({100.0 * ate_m / path_m:.2f} % of {path_m:.0f} m)"
+            text += f", {odometry['anchored_rms_m']:.2f} m from a common start"
+            if odometry["rpe_m"] is not None:
+                text += f", RPE {odometry['rpe_m']:.2f} m in a second"
+        yield "odometry", text
     if mapping is not None and mapping["points"]:
-        yield "map", _map(mapping)
+        text = f"{mapping['points']} points by lidar, {mapping['sonar_points']} by sonar"
+        if mapping["boom_rms_m"] is not None:
+            text += f"; {mapping['boom_rms_m']:.2f} m RMS off the log boom within a metre of it"
+        if mapping["boom_uncut_rms_m"] is not None:
+            text += f", {mapping['boom_uncut_rms_m']:.2f} m for all of its points"
+        if mapping["coverage"] is not None:
+            text += f", {100.0 * mapping['coverage']:.0f} % of it seen"
+        yield "map", text
     companion = summary["companion"]
-    if companion is not None and companion["gone_s"] is not None:
-        yield "companion", f"gone from {companion['gone_s']:.1f} s on"
-    for text in () if companion is None else companion["warnings"]:
+    if companion is None:
+        return
+    if companion["gone_s"] is not None:
+        yield "companion", f"lost at {companion['gone_s']:.1f} s"
+    for text in companion["warnings"]:
         yield "companion", text
-    if obstacles is not None and companion is not None:
-        yield "obstacles", _obstacles(obstacles, companion)
+    if obstacles is not None:
+        text = (
+            f"{obstacles['detected']} of {obstacles['launched']} floating bodies detected, {obstacles['false']} false"
+        )
+        if obstacles["min_clearance_m"] is not None:
+            text += f", smallest clearance {obstacles['min_clearance_m']:.1f} m"
+        yield "obstacles", f"{text}; {companion['detours']} detours, {companion['stops']} stops"
         lost = companion["chunks_lost"] + companion["map_chunks_lost"]
         if lost or companion["clouds_dropped"]:
-            yield "clouds", f"{lost} chunks lost, {companion['clouds_dropped']} clouds came too fast for the companion"
-
-
-def _odometry(odometry: dict[str, Any]) -> str:
-    ate_m, path_m = odometry["ate_rms_m"], odometry["path_m"]
-    if ate_m is None:
-        return f"{odometry['poses']} poses, too few to be held against the truth"
-    share = f" ({100.0 * ate_m / path_m:.2f} % of {path_m:.0f} m)" if path_m else ""
-    rate_hz, rpe_m = odometry["rate_hz"], odometry["rpe_m"]
-    rate = "" if rate_hz is None else f"{rate_hz:.1f} Hz, "
-    each_second = "" if rpe_m is None else f", RPE {rpe_m:.2f} m in a second"
-    anchored = f", {odometry['anchored_rms_m']:.2f} m from a common start"
-    return f"{rate}ATE {ate_m:.2f} m{share}{anchored}{each_second}"
-
-
-def _map(mapping: dict[str, Any]) -> str:
-    text = f"{mapping['points']} points by lidar, {mapping['sonar_points']} by sonar"
-    if mapping["boom_rms_m"] is not None:
-        text += f"; {mapping['boom_rms_m']:.2f} m RMS off the log boom within a metre of it"
-    if mapping["boom_uncut_rms_m"] is not None:
-        text += f", {mapping['boom_uncut_rms_m']:.2f} m all that is of it"
-    if mapping["coverage"] is not None:
-        text += f", {100.0 * mapping['coverage']:.0f} % of it seen"
-    return text
-
-
-def _obstacles(obstacles: dict[str, Any], companion: dict[str, Any]) -> str:
-    text = f"{obstacles['detected']} of {obstacles['launched']} adrift detected, {obstacles['false']} false"
-    if obstacles["min_clearance_m"] is not None:
-        text += f", cleared by {obstacles['min_clearance_m']:.1f} m and more"
-    return f"{text}; {companion['detours']} detours, {companion['stops']} stops"
+            dropped = companion["clouds_dropped"]
+            yield "clouds", f"{lost} chunks lost; the companion was too slow for {dropped} clouds and dropped them"

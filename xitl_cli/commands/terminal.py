@@ -88,12 +88,16 @@ def show_rows(
     widths = [max(len(row[column]) for row in table) for column in range(len(heads))]
     room = console.width - APART * (len(heads) - 1)
     wrapped = max(text, default=-1)
-    if sum(widths) > room and wrapped >= 0:
+    if sum(widths) > room and wrapped >= 0:  # narrow the last text column
         widths[wrapped] = max(min(widths[wrapped], LEAST_TEXT), room - sum(widths) + widths[wrapped])
     every = [styles[number] if number < len(styles) else "" for number in range(len(cells))]
     if sum(widths) > room:
         for row, style in zip(cells, every, strict=True):
-            _paragraph(console, heads, row, style)
+            for line in _wrapped(row[0], console.width):
+                _line(console, line, style or "bold")
+            named = [f"{head} {cell}".strip() for head, cell in zip(heads[1:], row[1:], strict=True) if cell]
+            for line in _wrapped(", ".join(named), console.width - APART):
+                _line(console, " " * APART + line, style)
         return
     for row, style in zip(table, [*(["bold"] if any(heads) else []), *every], strict=True):
         parts = [_wrapped(cell, widths[column]) or [""] for column, cell in enumerate(row)]
@@ -104,15 +108,6 @@ def show_rows(
                 for column, cell in enumerate(shown)
             )
             _line(console, (" " * APART).join(padded).rstrip(), style)
-
-
-def _paragraph(console: Console, heads: Sequence[str], row: Sequence[str], style: str) -> None:
-    first, *others = row
-    for line in _wrapped(first, console.width):
-        _line(console, line, style or "bold")
-    told = [f"{head} {cell}".strip() for head, cell in zip(heads[1:], others, strict=True) if cell]
-    for line in _wrapped(", ".join(told), console.width - APART):
-        _line(console, " " * APART + line, style)
 
 
 def _wrapped(text: str, width: int) -> list[str]:

@@ -20,7 +20,7 @@ def wdri(
         str,
         typer.Argument(
             metavar="PROFILE",
-            help="A shipped profile's name, a path to a .yaml, or a run's directory.",
+            help="Name of a shipped profile, path of a .yaml file, or a run directory.",
             autocompletion=complete_profile,
         ),
     ],
@@ -28,26 +28,29 @@ def wdri(
         str | None,
         typer.Option(
             metavar="PROFILE",
-            help="A profile, or `complete`: every node real and linked to every node.",
+            help="Compare with this profile, or with `complete`, in which every node is real and linked to every node "
+            "(default: the reference in the profile).",
             autocompletion=complete_profile,
         ),
     ] = None,
     vertices: Annotated[
         str | None,
         typer.Option(
-            metavar="COUNT", help="Count that averages the degrees of PROFILE: architecture, present or a number."
+            metavar="COUNT",
+            help="Number of nodes over which the degrees of PROFILE are averaged: architecture, present or a number.",
         ),
     ] = None,
     vessel: Annotated[
-        str | None, typer.Option("--vessel", metavar="NAME", help="Of a fleet: one of its vessels, with its nodes.")
+        str | None, typer.Option("--vessel", metavar="NAME", help="Show the nodes of this vessel of a fleet.")
     ] = None,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Print nodes, links and the WDRI of a profile: how near its graph comes to a reference, from 0 to 1.
+    """Print the nodes, the links and the realism index (WDRI, from 0 to 1) of a profile or of a run.
 
-    Of a fleet: the WDRI of each vessel, and their mean. Of a run's directory: the nodes that were there and the links
-    that carried something.
+    The weighted degree realism index compares the node graph with that of a reference. For a fleet, the command prints
+    the index of each vessel and their mean. For a run directory, it counts only nodes that were connected and links
+    that carried data.
     """
     from xitl_cli.graph.wdri import FleetWdri, fleet_wdri, profile_wdri
     from xitl_cli.profile import load_profile
@@ -57,13 +60,11 @@ def wdri(
     run = None
     if is_run(name):
         if overrides:
-            raise UserError(
-                f"{name}: is a run that is over, --set changes nothing in it; give a profile, or drop --set"
-            )
-        there = vessels_of_run(Path(name))
-        if there and vessel is None:
-            vessels = {each: measured_run(Path(name), reference, count, each).wdri for each in there}
-            _show_fleet(FleetWdri(vessels), as_json)
+            raise UserError(f"{name} is a finished run, which --set cannot change; give a profile, or remove --set")
+        names = vessels_of_run(Path(name))
+        if names and vessel is None:
+            fleet = FleetWdri({member: measured_run(Path(name), reference, count, member).wdri for member in names})
+            _show_fleet(fleet, as_json)
             return
         run = measured_run(Path(name), reference, count, vessel)
         result = run.wdri
@@ -94,17 +95,18 @@ def _show_fleet(fleet: FleetWdri, as_json: bool) -> None:
     console = terminal()
     say(console, "Vessels", "bold")
     rows = []
-    for name, one in fleet.vessels.items():
-        kinds = [vertex.kind for vertex in one.graph.vertices]
+    for name, vessel in fleet.vessels.items():
+        kinds = [vertex.kind for vertex in vessel.graph.vertices]
         counts = (str(kinds.count("real")), str(kinds.count("virtual")))
-        rows.append([name, *counts, f"{one.d_w_sim:.4f}", f"{one.d_w_ref:.4f}", f"{one.wdri:.4f}", one.reference])
+        figures = (f"{figure:.4f}" for figure in (vessel.d_w_sim, vessel.d_w_ref, vessel.wdri))
+        rows.append([name, *counts, *figures, vessel.reference])
     heads = ("vessel", "real", "virtual", "degree", "reference's", "WDRI", "reference")
     show_rows(console, heads, rows, text=(0, 6))
     console.print()
     lowest = min(fleet.vessels, key=lambda name: fleet.vessels[name].wdri)
     facts: list[tuple[str, str] | tuple[str, str, str]] = [
         ("WDRI", f"{fleet.wdri:.4f}, the mean of {len(rows)}", "bold"),
-        ("lowest", f"{fleet.vessels[lowest].wdri:.4f}, {lowest}; its nodes: --vessel {lowest}"),
+        ("lowest", f"{fleet.vessels[lowest].wdri:.4f}, {lowest}; --vessel {lowest} shows its nodes"),
     ]
     show_facts(console, facts)
 
@@ -118,7 +120,7 @@ def _count(text: str | None) -> VertexCount | None:
         return "present"
     if text.isascii() and text.isdigit() and 0 < int(text[:6]) <= 1000:
         return int(text)
-    raise UserError(f"--vertices = {text!r} is not a count of vertices; write architecture, present or 1 to 1000")
+    raise UserError(f"--vertices {text!r} is not a number of nodes; write architecture, present or 1 to 1000")
 
 
 def _show(result: Wdri, run: MeasuredRun | None) -> None:
@@ -163,8 +165,8 @@ def _show(result: Wdri, run: MeasuredRun | None) -> None:
     if run is not None:
         facts += [
             ("claimed by the profile", f"{run.claimed_wdri:.4f}"),
-            ("claimed, but nothing was carried", ", ".join(run.missing) or "-"),
-            ("carried, but not claimed", ", ".join(run.unclaimed) or "-"),
-            ("claimed real, but virtual", ", ".join(run.overclaimed) or "-"),
+            ("claimed links without data", ", ".join(run.missing) or "-"),
+            ("links with data, not claimed", ", ".join(run.unclaimed) or "-"),
+            ("nodes claimed real, but virtual", ", ".join(run.overclaimed) or "-"),
         ]
     show_facts(console, facts)

@@ -15,21 +15,32 @@ DEFAULT_URL = "udp://127.0.0.1:14670"
 def launch(
     kind: Annotated[
         Literal["trunk", "branch", "plants", "animal"],
-        typer.Argument(metavar="KIND", help="trunk, branch, plants, animal."),
+        typer.Argument(metavar="KIND", help="trunk, branch, plants or animal."),
     ],
-    at: Annotated[str, typer.Option("--at", metavar="N,E", help="Metres north and east of the site's origin.")],
-    heading: Annotated[float, typer.Option("--heading", metavar="DEG", help="Where its length points.")] = 0.0,
+    at: Annotated[
+        str, typer.Option("--at", metavar="N,E", help="Position, in metres north and east of the site's origin.")
+    ],
+    heading: Annotated[
+        float, typer.Option("--heading", metavar="DEG", help="Direction of its long axis, in degrees from north.")
+    ] = 0.0,
     length: Annotated[
-        float | None, typer.Option("--length", metavar="M", help="Its length, unless the usual one of its kind.")
+        float | None,
+        typer.Option("--length", metavar="M", help="Length in metres (default: the usual length of its kind)."),
     ] = None,
     to: Annotated[
-        str, typer.Option("--to", metavar="URL", help="The run's world.debris.control, as udp://host:port.")
+        str,
+        typer.Option("--to", metavar="URL", help="Address of the run, udp://host:port: its world.debris.control."),
     ] = DEFAULT_URL,
 ) -> None:
-    """Put a body into the water of a run."""
+    """Put a floating body into the water of a running simulation."""
     from xitl_cli.run.links.launch_requests import request_launch
 
-    north_m, east_m = _place(at)
+    try:
+        north_m, east_m = (float(part) for part in at.split(","))
+    except ValueError:
+        north_m = east_m = math.nan
+    if not (math.isfinite(north_m) and math.isfinite(east_m)):
+        raise UserError(f"--at {at} is no position; write metres north and east, such as --at 40,12.5")
     if not math.isfinite(heading):
         raise UserError(f"--heading {heading} is no direction; give degrees clockwise from north")
     if length is not None and not (math.isfinite(length) and length > 0.0):
@@ -37,14 +48,3 @@ def launch(
     request_launch(to, kind, north_m, east_m, math.radians(heading), length)
     size = "" if length is None else f" of {length:g} m"
     typer.echo(f"{kind}{size} in the water at {north_m:g} N {east_m:g} E")
-
-
-def _place(text: str) -> tuple[float, float]:
-    parts = text.split(",")
-    try:
-        north_m, east_m = (float(part) for part in parts)
-    except ValueError:
-        raise UserError(f"--at {text}: not two numbers; write metres north and east, such as --at 40,12.5") from None
-    if not (math.isfinite(north_m) and math.isfinite(east_m)):
-        raise UserError(f"--at {text}: no place; write metres north and east, such as --at 40,12.5")
-    return north_m, east_m

@@ -9,7 +9,8 @@ from agent.wire import dialect
 from xitl_cli.graph.graph import Graph, Vertex, build_graph
 from xitl_cli.profile.schema.graph import KIND_WEIGHTS, is_node_name
 
-Pair = tuple[str, str]
+Edge = tuple[str, str]
+"""A link of the graph, by the names of its nodes."""
 
 _LOW = {"S": "LS", "C": "LC", "A": "LA"}
 _HIGH = {"S": "HS", "C": "HC", "A": "HA"}
@@ -19,7 +20,7 @@ def _ids(*names: str) -> list[int]:
     return [getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in names]
 
 
-def _table(rows: Iterable[tuple[list[int], tuple[Pair, ...]]]) -> dict[int, tuple[Pair, ...]]:
+def _table(rows: Iterable[tuple[list[int], tuple[Edge, ...]]]) -> dict[int, tuple[Edge, ...]]:
     return {message_id: pairs for ids, pairs in rows for message_id in ids}
 
 
@@ -94,13 +95,13 @@ class AgentTraffic:
     """Efforts passed from control to actuation inside the agent."""
 
 
-def measured_graph(agents: Sequence[AgentTraffic], host: Iterable[Pair]) -> Graph:
-    """Return the graph of the observed traffic. `host`: links inside this machine that carried traffic, as PS1-M.
+def measured_graph(agents: Sequence[AgentTraffic], edges: Iterable[Edge]) -> Graph:
+    """Return the graph of the observed traffic. edges: links inside this machine that carried traffic, as PS1-M.
 
     Nodes of the host are virtual and are present when one of their links was used. Nodes of an agent are present when
     it announced them. If two agents run the same node, the larger weight counts.
     """
-    links = set(host)
+    links = set(edges)
     vertices: dict[str, Vertex] = {}
     for agent in agents:
         announced = {name for name in agent.nodes.split(",") if is_node_name(name)}

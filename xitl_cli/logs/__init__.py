@@ -1,6 +1,7 @@
 """Reader of logs and recordings: DataFlash logs, telemetry logs, ULogs, bags and MCAP recordings as one kind of table.
 
-Data flow: opening → Log (formats/) → signals/, clocks/ → analyses/, compare/ → report/, export/
+Data flow: opening → Log (formats/) → signals/, clocks/ → analyses, compare/ → report/, export/
+The analyses of a log register as plug-ins (`xitl_cli.log_analyses`): callers pass them to report/ and compare/.
 """
 
 from xitl_cli.logs.formats import open_log

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -11,10 +12,24 @@ from typing import Any
 
 import numpy as np
 
+from xitl_cli.logs.clocks.readings import utc_offset
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.codes import MAV_TYPES, board_name, release_name
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
-from xitl_cli.logs.model.sections import Fact
+from xitl_cli.logs.model.sections import Fact, Value
 from xitl_cli.logs.model.table import Column, Table
+from xitl_cli.logs.signals import px4
+from xitl_cli.logs.signals.series import rounded
+from xitl_cli.logs.signals.states import (
+    autopilot_heartbeats,
+    autopilot_messages,
+    firmware_text,
+    last_parameters,
+    vehicle_kind,
+)
 
+_EMBEDDED = re.compile(r"^xitl (\S+), messages and modes as")
+_HASH = re.compile(r"\(([0-9a-f]{6,12})\)")
 _SHORTEST_S = 0.1
 _READ_WHOLE_BYTES = 16 << 20
 
@@ -144,9 +159,99 @@ def _distinct(table: Table, column: str) -> int:
 
 
 def _about(log: Log) -> tuple[Fact, ...]:
-    from xitl_cli.logs.analyses.vehicle import facts_of
-
     try:
-        return facts_of(log)
+        return vehicle_facts(log)
     except Exception:  # noqa: BLE001  a summary is shown of what can be told; `xitl logs analyze` names the fault
         return ()
+
+
+def vehicle_facts(log: Log) -> tuple[Fact, ...]:
+    """Vehicle, firmware, times and logging. Empty for a log without a stamped row. Raises what damaged rows raise."""
+    if log.span_ns is None:
+        return ()
+    beats = autopilot_heartbeats(log)
+    parameters = last_parameters(log)
+    logging: list[Fact] = []
+    rows = (("LOG_BITMASK", "log_bitmask"), ("LOG_DISARMED", "log_disarmed"), ("LOG_BACKEND_TYPE", "log_backend"))
+    logging.extend(
+        Fact(key, name, int(parameters[name])) for name, key in rows if abs(parameters.get(name, np.inf)) < 2**32
+    )
+    clock = LogClock(log)
+    times: list[Fact] = []
+    length_s = (clock.end_ns - clock.start_ns) * 1e-9
+    times.append(Fact("duration_s", "Duration", rounded(length_s, 1), "s"))
+    if log.base == "boot" and not log.zero_ns:
+        times.append(Fact("uptime_start_s", "Uptime at the start", rounded(clock.start_ns * 1e-9, 1), "s"))
+        times.append(Fact("uptime_end_s", "Uptime at the end", rounded(clock.end_ns * 1e-9, 1), "s"))
+    start, source = _utc_at_start(log, clock)
+    if start is not None:
+        times.append(Fact("utc_start", f"UTC at the start ({source})", start.strftime("%Y-%m-%d %H:%M:%S")))
+    times.extend(
+        Fact(f"recording_{key}", label, log.facts[key])
+        for key, label in (("profile", "Profile"), ("technique", "Technique"), ("seed", "Seed"))
+        if key in log.facts
+    )
+    every = (
+        Fact("vehicle", "Vehicle", None if (kind := vehicle_kind(log)) == "unknown" else kind),
+        Fact("vehicle_type", "Type", None if beats is None else MAV_TYPES.get(int(beats.values("type", raw=True)[0]))),
+        *_firmware(log),
+        *times,
+        *logging,
+    )
+    return tuple(fact for fact in every if fact.value is not None)
+
+
+def _firmware(log: Log) -> Iterator[Fact]:
+    text = firmware_text(log)
+    version = log.tables.get("VER")
+    said = autopilot_messages(log, "AUTOPILOT_VERSION")
+    name: Value = text
+    number_text: Value = None
+    commit: Value = None
+    build: Value = None
+    board: Value = None
+    if text is not None and (own := _EMBEDDED.match(text)):
+        name, number_text = "xitl embedded autopilot", own.group(1)
+    elif text is not None and (found := _HASH.search(text)):
+        commit = found.group(1)
+    if version is not None:
+        row = {column: version.values(column, raw=True)[-1] for column in version.columns}
+        name = str(row["FWS"]) if "FWS" in row and str(row["FWS"]) else name
+        if {"Maj", "Min", "Pat"} <= set(row):
+            number_text = f"{row['Maj']}.{row['Min']}.{row['Pat']}"
+        commit = f"{int(row['GH']):08x}" if "GH" in row else commit
+        build = release_name(int(row["FWT"])) if "FWT" in row else None
+        board = board_name(int(row["BT"]), int(row.get("BST", 0))) if "BT" in row else None
+    elif said is not None and "flight_sw_version" in said.columns:
+        packed = int(said.values("flight_sw_version", raw=True)[-1])
+        if packed:
+            number_text = number_text or f"{packed >> 24}.{packed >> 16 & 255}.{packed >> 8 & 255}"
+            build = release_name(packed & 255)
+        commit = commit or _custom_version(said)
+    if log.format == "ulog":
+        name = log.facts.get("sys_name")
+        number_text, commit, board = px4.release(log)
+    yield Fact("firmware", "Firmware", name)
+    yield Fact("firmware_version", "Version", number_text)
+    yield Fact("firmware_commit", "Commit", commit)
+    yield Fact("firmware_release", "Release", build or None)
+    yield Fact("board", "Board", board)
+
+
+def _custom_version(said: Table) -> str | None:
+    if "flight_custom_version" not in said.columns:
+        return None
+    characters = np.asarray(said.values("flight_custom_version", raw=True))[-1:].ravel()
+    text = bytes(int(each) & 255 for each in characters).split(b"\0", 1)[0].decode("ascii", "replace")
+    return text if text.isprintable() and text else None
+
+
+def _utc_at_start(log: Log, clock: LogClock) -> tuple[datetime | None, str]:
+    found = utc_offset(log)
+    if found is None:
+        return None, ""
+    try:
+        epoch = datetime(1970, 1, 1, tzinfo=UTC)
+        return epoch + timedelta(microseconds=(clock.start_ns + found.offset_ns) // 1000), found.source
+    except OverflowError:
+        return None, ""

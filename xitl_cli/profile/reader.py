@@ -6,11 +6,13 @@ There are no silent conversions, except that a whole number is a number. Unknown
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
+from functools import partial
 from typing import Any, TypeVar, get_args, get_origin
 
 from sim_core.keys import (
+    RegisteredGroups,
     SpecificationError,
     alternatives,
     entries,
@@ -25,7 +27,7 @@ from sim_core.keys import (
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.entry import Entry, KeyPath, Problem, ProfileError, dotted, shown
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.profile import GroupsByName
+from xitl_cli.profile.schema.profile import GroupsByName, registered_keys
 
 T = TypeVar("T")
 
@@ -114,7 +116,11 @@ class Reader:
             if not isinstance(entry.value, dict):
                 return self._wrong(entry, path, "is not a group; indent keys under it")
             if (by_name := next((marker for marker in markers if isinstance(marker, GroupsByName)), None)) is not None:
-                return self._groups_by_name(entry, by_name, path)
+                return self._groups_by_name(entry, lambda name, _: by_name.group(name), path)
+            if (
+                registered := next((marker for marker in markers if isinstance(marker, RegisteredGroups)), None)
+            ) is not None:
+                return self._groups_by_name(entry, partial(registered_keys, registered.registry), path)
             inner = get_args(kind)[1]
             return {key: self._value(below, inner, (*path, key)) for key, below in entry.value.items()}
         if get_origin(kind) is tuple:
@@ -129,15 +135,20 @@ class Reader:
             return self._wrong(entry, path, problem)
         return float(entry.value) if kind is float else entry.value  # type: ignore[arg-type]
 
-    def _groups_by_name(self, entry: Entry, by_name: GroupsByName, path: KeyPath) -> dict[str, Any]:
-        """Return the groups below `entry`; null removes an inherited group."""
+    def _groups_by_name(self, entry: Entry, group_of: Callable[[str, str], type], path: KeyPath) -> dict[str, Any]:
+        """Return the groups below `entry`; null removes an inherited group.
+
+        group_of: the class for the name of a group and its key `kind`, which is the name if it is missing. Raises
+        UserError.
+        """
         assert isinstance(entry.value, dict)
         groups = {}
         for name, below in entry.value.items():
             if below.value is None:
                 continue
+            kind = below.value.get("kind") if isinstance(below.value, dict) else None
             try:
-                group = by_name.group(name)
+                group = group_of(name, str(kind.value) if kind is not None and kind.value else name)
             except UserError as error:
                 problem = str(error).removeprefix(f"{name}: ")
                 self._note(self._problems, below, f"{dotted((*path, name))}:", problem)

@@ -133,7 +133,7 @@ def _rows(log: PulseLog, outputs: tuple[int, ...]) -> list[tuple[float, ...]]:
 
 
 def _by_sticks(vessel: VesselSpec | None, steering: float, throttle: float) -> Motors:
-    if vessel is not None and (steered := vessel.commands - len(vessel.propellers)):
+    if vessel is not None and (steered := vessel.own_commands - len(vessel.propellers)):
         return (throttle, *[steering] * steered)
     return _mix(steering, throttle)
 

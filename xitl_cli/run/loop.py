@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
+from sim_core.vessel.actuators import ActuatorError
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.mcap_file import RecordingError
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import PaceReport
+from xitl_cli.registry import ACTUATORS, package_of
 from xitl_cli.run.core.node import RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.plugin_error import PluginNodeError
@@ -79,7 +83,10 @@ class Loop:
         while number < self._last_step:
             number += 1
             self._wait_until(plant.state.time_ns + plant.simulation.dt_ns)
-            plant.advance(self._motors)
+            try:
+                plant.advance(self._motors)
+            except ActuatorError as error:
+                raise self._failed_actuator(error) from error
             clock.step_ns = plant.state.time_ns
             steps = self._steps(number)
             self._call(sense, steps)
@@ -99,6 +106,13 @@ class Loop:
                 if self._interrupted():
                     return Ending.INTERRUPTED
         return Ending.DURATION
+
+    def _failed_actuator(self, error: ActuatorError) -> PluginNodeError:
+        """Return the error that ends the run, after the traceback is in the recording."""
+        now_ns, package = self._plant.state.time_ns, package_of(ACTUATORS, error.kind)
+        self._recorder.log(now_ns, ERROR, "vehicle.actuators", "".join(traceback.format_exception(error)))
+        at = f"at {now_ns * 1e-9:.2f} s"
+        return PluginNodeError(f"{error} {at} ({package}); correct the plug-in or take it out of the profile")
 
     def _steps(self, number: int) -> list[RunStep]:
         """Return the step of each vessel, indexed by group number."""

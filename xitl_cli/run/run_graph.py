@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
+from typing import Any
 
 from xitl_cli.errors import UserError
 from xitl_cli.graph.graph import Graph, Vertex, build_graph
-from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic, Pair, measured_graph
+from xitl_cli.graph.measured import AgentTraffic, Edge, measured_graph
 from xitl_cli.graph.wdri import VertexCount, Wdri, graph_from_profile, graph_wdri, profile_wdri
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.profile.files.catalogue import is_shipped
 from xitl_cli.profile.schema.graph import COMPLETE
 from xitl_cli.run.core.directory import PROFILE, SUMMARY
-
-if TYPE_CHECKING:
-    from xitl_cli.record.topics import LinkReport
-    from xitl_cli.run.core.reports import NodeReport, Traffic
-    from xitl_cli.run.nodes.bridge import AutopilotReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,24 +39,13 @@ class MeasuredRun:
         }
 
 
-def graph_section(
-    profile: RunProfile,
-    duration_s: float,
-    moored_s: float,
-    links: Sequence[LinkReport],
-    nodes: Sequence[NodeReport],
-    traffic: Traffic,
-    autopilot: AutopilotReport | None = None,
-) -> dict[str, Any]:
+def graph_section(profile: RunProfile, agents: Sequence[AgentTraffic], edges: Iterable[Edge]) -> dict[str, Any]:
     """Return `graph` of summary.json: claimed, measured, and their differences. docs/recording.md explains the keys.
 
-    `autopilot`: report of the real autopilot behind the agent when the agent is a bridge.
+    agents: traffic of the agents. edges: links inside this machine, as the nodes of the run declare and report them.
     """
     claimed = profile_wdri(profile)
-    agents = list(_agents(links, nodes, traffic))
-    if autopilot is not None:
-        agents = [_behind(profile, autopilot, bridge) for bridge in agents]
-    graph = measured_graph(agents, _inside_host(profile, duration_s, moored_s))
+    graph = measured_graph(agents, edges)
     measured = _measured_wdri(graph, profile)
     claimed_links, measured_links = claimed.graph.link_names(), graph.link_names()
     return {
@@ -102,64 +85,6 @@ def _measured_wdri(graph: Graph, profile: RunProfile) -> Wdri | None:
     if isinstance(vertices, int):
         vertices = max(vertices, present)
     return graph_wdri(graph, profile.graph.reference or COMPLETE, vertices, f"{profile.name} as it ran")
-
-
-def _agents(links: Sequence[LinkReport], nodes: Sequence[NodeReport], traffic: Traffic) -> Iterator[AgentTraffic]:
-    received = {link.name: link.received for link in links}
-    for node in nodes:
-        ways: Mapping[str, Mapping[int, int]] = traffic.get(node.link, {})
-        sensors = "sensors" if node.link == "agent" else f"{node.link} sensors"
-        yield AgentTraffic(
-            nodes=node.nodes,
-            kind=node.kind,
-            machine=node.machine,
-            to_agent={} if received.get(sensors) == 0 else ways.get("tx", {}),
-            from_agent=ways.get("rx", {}),
-            estimates=node.estimates,
-            efforts=node.efforts,
-        )
-
-
-def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentTraffic) -> AgentTraffic:
-    """Return the autopilot behind a bridge.
-
-    It is present when a heartbeat arrived, and it gets the frames that the bridge could pass on.
-    """
-    if autopilot.milestones.heartbeat_s is None:
-        return replace(bridge, nodes="", to_agent={}, from_agent={}, estimates=0, efforts=0)
-    counts = autopilot.bridge
-    ways_in = ("script_in",) if profile.autopilot.bridge.sensors == "hil" else ("imu_out", "solution_out", "gnss_out")
-    to_agent, from_agent = dict(bridge.to_agent), dict(bridge.from_agent)
-    if counts is None or not any(getattr(counts, way) for way in ways_in):
-        to_agent = {number: count for number, count in to_agent.items() if number not in SENSORS}
-    if not bridge.efforts:
-        from_agent.pop(ACTUATORS, None)  # neutral commands from the bridge itself
-    seen = replace(bridge, to_agent=to_agent, from_agent=from_agent)
-    device = urlsplit(profile.autopilot.bridge.mavlink)
-    if device.scheme == "serial" and not _is_made_here(device.path):
-        seen = replace(seen, kind="real", machine=f"board at {device.path}")
-    return seen
-
-
-def _is_made_here(device: str) -> bool:
-    """Whether the device is a pseudo terminal, which a program on the same machine serves."""
-    return Path(device).resolve().is_relative_to("/dev/pts")
-
-
-def _inside_host(profile: RunProfile, duration_s: float, moored_s: float) -> Iterator[Pair]:
-    """Yield the links inside the host.
-
-    The truth goes to the recording. Without an autopilot, so do the driver's commands, which also go to the vessel.
-    """
-    if duration_s <= 0:
-        return
-    yield "PS1", "M"
-    if profile.autopilot.kind == "none":
-        if profile.driver.kind != "none":
-            yield "D", "PS1"
-            yield "D", "M"
-    elif profile.driver.kind == "ground-station" and moored_s < duration_s:
-        yield "D", "LC"  # the station released the vessel by arming it, over a link that this machine does not see
 
 
 def is_run(name: str) -> bool:

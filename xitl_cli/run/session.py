@@ -242,7 +242,7 @@ def _composed(setup: RunSetup, opened: ExitStack) -> RunNodes:
             made[name] = vessel_parts(VesselSetup(setup, profile, seeds, view, setup.out / name, after[name]), opened)
     world = world_parts(setup, made, opened)
     vessels = tuple(
-        VesselNodes(profile.vessel, parts.need(ControlNode), parts.nodes(), is_awaited(profile))
+        VesselNodes(profile.vessel, parts.need(ControlNode), parts.nodes(), is_awaited(profile), parts.edges)
         for profile, parts in zip(setup.profiles, made.values(), strict=True)
     )
     ahead, behind = world.nodes(before=Place.COLLISIONS), world.nodes(after=Place.LIVE_VESSEL)
@@ -339,7 +339,7 @@ def _summary(
     physics = ClockReport("PS1", 0.0, 0.0, 0.0, slope_s=slope.mean_s, slope_std_s=slope.deviation_s)
     host = {"tasks": [pace.task(rate_hz)], "pace": pace.report(), "warnings": list(warnings)}
     of_world = [host, *(node.report() for node in (*nodes.world.ahead, *nodes.world.behind))]
-    of_vessels = [[node.report() for node in vessel.nodes] for vessel in nodes.vessels]
+    of_vessels = [[{"edges": vessel.edges}, *(node.report() for node in vessel.nodes)] for vessel in nodes.vessels]
     if not profiles[0].vessel:
         sections = merged([*of_world, *of_vessels[0]])
         sections["clocks"] += [physics] if sections["clocks"] else []

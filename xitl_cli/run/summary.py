@@ -85,7 +85,8 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
         "obstacles": None,
         "companion": None,
         "warnings": [],
-        "traffic": {},
+        "agents": [],
+        "edges": [],
     }
     for report in reports:
         for key, value in report.items():
@@ -232,18 +233,11 @@ def _vessel(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sec
     written: dict[str, Any] = {}
     for key, value in sections.items():
         if key == "graph":
-            written[key] = graph_section(
-                profile,
-                outcome.duration_s,
-                vessel.held_s,
-                sections["links"],
-                sections["nodes"],
-                sections["traffic"],
-                sections["autopilot"],
-            )
+            edges = sections["edges"] if outcome.duration_s > 0 else []
+            written[key] = graph_section(profile, sections["agents"], edges)
         elif key == "autopilot" and value is not None:
             written[key] = value.section(sections["tasks"])
-        elif key != "traffic":
+        elif key not in ("agents", "edges"):
             written[key] = _written(value)
     return written
 

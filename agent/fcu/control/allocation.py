@@ -234,13 +234,30 @@ class MotorsMixer:
         self._slew = gains = AllocationGains.from_parameters(p)
         self._base_mps = p["MOT_SPD_SCA_BASE"]
         numbers = [number for number in sorted(motors) if p[f"MOT{number}_THRUST"] > 0.0]
-        self.force = ForceAllocation(
-            [_thruster(p, number, gains.astern) for number in numbers],
-            [_rudder(p, n, numbers) for n in range(1, RUDDERS + 1) if p[f"RUD{n}_FORCE"] > 0.0],
-            self._base_mps,
-        )
+        thrusters = [
+            Thruster(
+                x_m=p[f"MOT{number}_POS_X"],
+                y_m=p[f"MOT{number}_POS_Y"],
+                angle_rad=math.radians(p[f"MOT{number}_ANGLE"]),
+                thrust_n=p[f"MOT{number}_THRUST"],
+                astern=1.0 / p[f"MOT{number}_ASYM"] if p[f"MOT{number}_ASYM"] else gains.astern,
+                most_rad=math.radians(p[f"MOT{number}_VEC_MAX"]),
+            )
+            for number in numbers
+        ]
+        propeller_index = {number: index for index, number in enumerate(numbers)}
+        rudders = [
+            RudderBlade(
+                x_m=p[f"RUD{number}_POS_X"],
+                force_n=p[f"RUD{number}_FORCE"],
+                propeller=propeller_index.get(int(p[f"RUD{number}_MOT"])),
+                race_mps=p[f"RUD{number}_RACE"],
+            )
+            for number in range(1, RUDDERS + 1)
+            if p[f"RUD{number}_FORCE"] > 0.0
+        ]
+        self.force = ForceAllocation(thrusters, rudders, self._base_mps)
         self.throttles = len(numbers)
-        thrusters = self.force.thrusters
         self._gears = [index for index, thruster in enumerate(thrusters) if thruster.most_rad > 0.0]
         turning = len(self._gears) + len(self.force.rudders)
         self.outputs = (*(motors[number] for number in numbers), *[*steering, *[0] * turning][:turning])
@@ -280,37 +297,18 @@ def _directed(thruster: Thruster, share: Share) -> tuple[float, float]:
     return part, min(max(-to_starboard_rad / thruster.most_rad, -1.0), 1.0)
 
 
-def _thruster(p: Parameters, number: int, astern: float) -> Thruster:
-    name = f"MOT{number}_"
-    return Thruster(
-        p[f"{name}POS_X"],
-        p[f"{name}POS_Y"],
-        math.radians(p[f"{name}ANGLE"]),
-        p[f"{name}THRUST"],
-        1.0 / p[f"{name}ASYM"] if p[f"{name}ASYM"] else astern,
-        math.radians(p[f"{name}VEC_MAX"]),
-    )
-
-
-def _rudder(p: Parameters, number: int, motors: list[int]) -> RudderBlade:
-    name = f"RUD{number}_"
-    propeller = int(p[f"{name}MOT"])
-    return RudderBlade(
-        p[f"{name}POS_X"],
-        p[f"{name}FORCE"],
-        motors.index(propeller) if propeller in motors else None,
-        p[f"{name}RACE"],
-    )
-
-
 def make_mixer(p: Parameters) -> Mixer:
     """Return the mixer that the functions of the outputs define. Without any of these functions, nothing is driven."""
-    function = {output: int(p[f"SERVO{output}_FUNCTION"]) for output in range(1, OUTPUTS + 1)}
+    functions = {output: int(p[f"SERVO{output}_FUNCTION"]) for output in range(1, OUTPUTS + 1)}
     steering, throttles, left, right = (
-        [output for output, what in function.items() if what == wanted]
+        [output for output, function in functions.items() if function == wanted]
         for wanted in (STEERING, THROTTLE, THROTTLE_LEFT, THROTTLE_RIGHT)
     )
-    motors = {what - FIRST_MOTOR + 1: output for output, what in function.items() if 0 <= what - FIRST_MOTOR < MOTORS}
+    motors = {
+        function - FIRST_MOTOR + 1: output
+        for output, function in functions.items()
+        if FIRST_MOTOR <= function < FIRST_MOTOR + MOTORS
+    }
     if motors:
         return MotorsMixer(p, motors, steering)
     if left and right:

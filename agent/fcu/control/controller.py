@@ -86,41 +86,48 @@ def load_controller(spec: str) -> MakeController:
     """Load the class that `module:Class` or `path/to/file.py:Class` names. Raises ControllerError."""
     where, colon, name = spec.rpartition(":")
     if not (colon and where and name.isidentifier()):
-        raise ControllerError(f"controller {spec!r} is not one; write module:Class or path/to/file.py:Class")
-    module = _module(where, spec)
-    found: Any = getattr(module, name, None)
-    if found is None:
-        there = ", ".join(key for key, value in vars(module).items() if _is_controller(value)) or "no controller"
-        raise ControllerError(f"controller {spec!r}: {where} has no {name}; it has {there}")
-    made: Any = found
-    if not inspect.isclass(found):
-        raise ControllerError(f"controller {spec!r}: {name} is not a class; name one with {', '.join(METHODS)}")
-    missing = [method for method in METHODS if not callable(getattr(found, method, None))]
+        raise ControllerError(f"controller {spec!r} is not valid; write module:Class or path/to/file.py:Class")
+    module = _import_module(where, spec)
+    candidate: Any = getattr(module, name, None)
+    if candidate is None:
+        controllers = [
+            key
+            for key, value in vars(module).items()
+            if inspect.isclass(value) and value is not Controller and all(hasattr(value, method) for method in METHODS)
+        ]
+        offered = ", ".join(controllers) or "no controller"
+        raise ControllerError(f"controller {spec!r}: {where} has no {name}; it has {offered}")
+    if not inspect.isclass(candidate):
+        raise ControllerError(f"controller {spec!r}: {name} is not a class; name a class with {', '.join(METHODS)}")
+    missing = [method for method in METHODS if not callable(getattr(candidate, method, None))]
     if missing:
-        raise ControllerError(f"controller {spec!r}: {name} lacks {', '.join(missing)}; see docs/controller.md")
-    for function, given in ((made, ("parameters",)), (made.control, ("self", "order", "estimate", "dt_s"))):
+        raise ControllerError(f"controller {spec!r}: {name} has no {', '.join(missing)}; see docs/controller.md")
+    make: Any = candidate
+    for label, function, arguments in (
+        (name, make, ("parameters",)),
+        (f"{name}.control", make.control, ("self", "order", "estimate", "dt_s")),
+    ):
         try:
-            inspect.signature(function).bind(*given)
+            inspect.signature(function).bind(*arguments)
         except (TypeError, ValueError):
-            takes = "parameters" if function is made else "order, estimate, dt_s"
-            what = name if function is made else f"{name}.control"
+            expected = ", ".join(argument for argument in arguments if argument != "self")
             raise ControllerError(
-                f"controller {spec!r}: {what} has to take ({takes}); see docs/controller.md"
+                f"controller {spec!r}: {label} must accept ({expected}); see docs/controller.md"
             ) from None
-    make: MakeController = made
-    return make
+    checked: MakeController = make
+    return checked
 
 
-def _module(where: str, spec: str) -> ModuleType:
+def _import_module(where: str, spec: str) -> ModuleType:
     try:
         if not where.endswith(".py"):
             return importlib.import_module(where)
         path = Path(where).resolve()
         if not path.is_file():
-            raise ControllerError(f"controller {spec!r}: there is no file {where}; check the path")
+            raise ControllerError(f"controller {spec!r}: file {where} does not exist; check the path")
         file = importlib.util.spec_from_file_location(path.stem, path)
         if file is None or file.loader is None:
-            raise ControllerError(f"controller {spec!r}: {where} is not Python; name a .py file")
+            raise ControllerError(f"controller {spec!r}: {where} is not a Python file; give a .py file")
         module = importlib.util.module_from_spec(file)
         sys.modules.setdefault(path.stem, module)  # dataclasses look up their module
         file.loader.exec_module(module)
@@ -132,11 +139,9 @@ def _module(where: str, spec: str) -> ModuleType:
             f"controller {spec!r}: no module {error.name!r}; check the spelling, or write path/to/file.py:Class"
         ) from None
     except Exception as error:
-        raise ControllerError(f"controller {spec!r}: {where} cannot be loaded ({_sentence(error)}); mend it") from error
-
-
-def _is_controller(value: object) -> bool:
-    return inspect.isclass(value) and value is not Controller and all(hasattr(value, method) for method in METHODS)
+        raise ControllerError(
+            f"controller {spec!r}: {where} cannot be loaded ({_sentence(error)}); correct it"
+        ) from error
 
 
 class ControllerGuard:
@@ -186,14 +191,14 @@ class ControllerGuard:
             self._fail(_sentence(error))
             return STILL
         if not finite:
-            self._fail(f"it answered {', '.join(map(str, values))}")
+            self._fail(f"it returned {', '.join(map(str, values))}")
             return STILL
         if isinstance(answer, Motors) and len(answer) != commands:
-            self._fail(f"it answered {len(answer)} commands, and the vessel takes {commands}")
+            self._fail(f"it returned {len(answer)} commands, but the vessel takes {commands}")
             return STILL
         if self._failing:
             self._failing = False
-            self._events.add(NOTICE, "Controller answers again")
+            self._events.add(NOTICE, "Controller works again")
         if isinstance(answer, Motors):
             return Motors(*map(_limited, answer))
         thrust, steering, lateral = answer if len(answer) == 3 else (*answer, None)

@@ -344,9 +344,9 @@ class CourseOverGround:
     ) -> float:
         """Return the heading for a course, in rad."""
         if self._course_rad is not None and course_rad != self._course_rad:
-            kept = math.cos(course_rad - self._course_rad)
-            self._cross_m *= kept
-            self._integral_s *= kept
+            component = math.cos(course_rad - self._course_rad)
+            self._cross_m *= component
+            self._integral_s *= component
         self._course_rad = course_rad
         side_mps = vel_ne_mps[1] * math.cos(course_rad) - vel_ne_mps[0] * math.sin(course_rad)
         ahead_m, kappa_mps = gains.lookahead_m, gains.kappa_mps

@@ -79,9 +79,7 @@ class ManualControl:
         low, high = _WIDTHS_US
         for number, width_us in enumerate(widths_us, start=1):
             if not (low <= width_us <= high or width_us in (0, _RELEASE_HIGH, _IGNORE)):
-                return (
-                    f"RC channel {number} at {width_us} us; use {low} to {high}, 0 to release, {_IGNORE} to leave alone"
-                )
+                return f"RC channel {number} at {width_us} us; use {low} to {high}, 0 to release, {_IGNORE} to keep"
         for index, width_us in enumerate(widths_us[:CHANNELS]):
             if width_us == _IGNORE or (index >= _FIRST_HIGH and width_us == 0):
                 continue

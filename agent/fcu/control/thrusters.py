@@ -68,17 +68,29 @@ class ForceAllocation:
         self.thrusters = thrusters
         self.rudders = rudders
         self._base_mps = max(base_mps, 0.01)
-        moments = [t.thrust_n * _greatest_lever_m(t) for t in thrusters] + [abs(r.x_m) * r.force_n for r in rudders]
-        self.full_moment_nm = sum(moments)
-        turning = [t.thrust_n for t in thrusters if t.most_rad > 0.0]
-        fixed = [t for t in thrusters if not t.most_rad]
-        self.full_thrust_n = sum(turning) + sum(t.thrust_n * _most(t, math.cos(t.angle_rad)) for t in fixed)
-        self.full_lateral_n = sum(turning) + sum(t.thrust_n * abs(math.sin(t.angle_rad)) for t in fixed)
+        # An azimuthing thruster turns to the best angle. A fixed one acts as it points, and runs either way.
+        azimuthing_n = sum(t.thrust_n for t in thrusters if t.most_rad > 0.0)
+        moments_nm, thrusts_n, laterals_n = [], [], []
+        for t in thrusters:
+            ahead, aside = math.cos(t.angle_rad), math.sin(t.angle_rad)
+            if t.most_rad:
+                moments_nm.append(t.thrust_n * math.hypot(t.x_m, t.y_m))
+            else:
+                moments_nm.append(t.thrust_n * abs(t.x_m * aside - t.y_m * ahead))
+                thrusts_n.append(t.thrust_n * max(ahead, -t.astern * ahead))
+                laterals_n.append(t.thrust_n * abs(aside))
+        self.full_moment_nm = sum(moments_nm + [abs(r.x_m) * r.force_n for r in rudders])
+        self.full_thrust_n = azimuthing_n + sum(thrusts_n)
+        self.full_lateral_n = azimuthing_n + sum(laterals_n)
         self._columns = [
             (self._effect(t, t.angle_rad), self._effect(t, t.angle_rad + 0.5 * math.pi)) for t in thrusters
         ]
+        # It pivots if a twentieth of full steering is possible at rest, without thrust.
         self._multipliers: Vector = (0.0, 0.0, 0.0)
-        self.pivots = self._pivots()
+        at_rest = [Share()] * (len(thrusters) + len(rudders))
+        _, (steering, thrust, _) = self.solve(0.0, 0.05, None, 0.0, at_rest)
+        self.pivots = steering > 0.04 and abs(thrust) < 0.01
+        self._multipliers = (0.0, 0.0, 0.0)
 
     def solve(
         self, thrust: float, steering: float, lateral: float | None, speed_mps: float, last: list[Share]
@@ -90,7 +102,14 @@ class ForceAllocation:
         """
         demand = (steering, thrust, lateral or 0.0)
         slack = (_SLACK[0], _SLACK[1], _FREE if lateral is None else _SLACK[2])
-        blades = [self._blade(rudder, speed_mps, last) for rudder in self.rudders]
+        blades: list[Vector] = []  # effect of full angle of each rudder
+        for rudder in self.rudders:
+            # The pressure grows with the square of the flow. Astern, the effect is reversed.
+            race = 0.0 if rudder.propeller is None else max(last[rudder.propeller].along, 0.0)
+            flow2 = speed_mps * abs(speed_mps) + race * rudder.race_mps * rudder.race_mps
+            force_n = rudder.force_n * flow2 / (self._base_mps * self._base_mps)
+            moment_nm = -rudder.x_m * force_n
+            blades.append((moment_nm / (self.full_moment_nm or 1.0), 0.0, -force_n / (self.full_lateral_n or 1.0)))
         senses = [1.0] * len(self.thrusters)
         if any(0.0 < t.most_rad < 0.5 * math.pi for t in self.thrusters):
             # Direction in which each thruster would push with an unlimited gear. A neutral one pushes as the vessel
@@ -110,7 +129,7 @@ class ForceAllocation:
         wanted: Vector = (min(max(demand[0], least), most), demand[1], demand[2])
         asked = wanted
         for _ in range(_MOST_CORRECTIONS):
-            shares = self._solved(asked, slack, blades, senses)
+            shares = self._newton(asked, slack, blades, senses)
             met = _sum_of(shares, self._columns, blades)
             off = [w - m for w, m in zip(wanted, met)]
             correct = [row == 0 or (slack[row] < _FREE and abs(off[row]) < _NEARLY_MET) for row in range(3)]
@@ -139,8 +158,8 @@ class ForceAllocation:
         """Return whether a thruster pushes ahead or astern within its angle. None for a thruster without that limit."""
         return None if senses is None or self.thrusters[number].most_rad >= 0.5 * math.pi else senses[number]
 
-    def _solved(self, demand: Vector, slack: Vector, blades: list[Vector], senses: list[float] | None) -> list[Share]:
-        """Newton's method with a line search along each step, along which the residual decreases."""
+    def _newton(self, demand: Vector, slack: Vector, blades: list[Vector], senses: list[float] | None) -> list[Share]:
+        """Solve by Newton's method, with a line search along each step, along which the residual decreases."""
         at = self._multipliers
         rest, slope, shares = self._short(demand, slack, blades, senses, at)
         for _ in range(_MOST_STEPS):
@@ -206,36 +225,6 @@ class ForceAllocation:
             t.thrust_n * ahead / (self.full_thrust_n or 1.0),
             t.thrust_n * aside / (self.full_lateral_n or 1.0),
         )
-
-    def _blade(self, rudder: RudderBlade, speed_mps: float, last: list[Share]) -> Vector:
-        """Effect of full angle. Pressure grows with the square of the flow. Astern, the effect is reversed."""
-        thrust = 0.0 if rudder.propeller is None else max(last[rudder.propeller].along, 0.0)
-        flow2 = speed_mps * abs(speed_mps) + thrust * rudder.race_mps * rudder.race_mps
-        force_n = rudder.force_n * flow2 / (self._base_mps * self._base_mps)
-        return (
-            -rudder.x_m * force_n / (self.full_moment_nm or 1.0),
-            0.0,
-            -force_n / (self.full_lateral_n or 1.0),
-        )
-
-    def _pivots(self) -> bool:
-        """Whether a twentieth of full steering is possible at rest, without thrust."""
-        still = [Share()] * (len(self.thrusters) + len(self.rudders))
-        _, (steering, thrust, _) = self.solve(0.0, 0.05, None, 0.0, still)
-        self._multipliers = (0.0, 0.0, 0.0)
-        return steering > 0.04 and abs(thrust) < 0.01
-
-
-def _most(t: Thruster, ahead: float) -> float:
-    """Greatest effect of a fixed thruster in a direction, running either way."""
-    return max(ahead, -t.astern * ahead)
-
-
-def _greatest_lever_m(t: Thruster) -> float:
-    """Lever of its moment: a fixed thruster as it points, an azimuthing one at the best angle."""
-    if t.most_rad:
-        return math.hypot(t.x_m, t.y_m)
-    return abs(t.x_m * math.sin(t.angle_rad) - t.y_m * math.cos(t.angle_rad))
 
 
 def _turned(t: Thruster, sense: float | None, along: float, across: float) -> tuple[Share, tuple[float, float, float]]:

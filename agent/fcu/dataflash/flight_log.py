@@ -171,7 +171,13 @@ class ChangeLog:
             self._ekf_bad = False
             self._log_error(now_us, EKF_CHECK, RESOLVED)
         if new.failsafes != old.failsafes:
-            self._log_failsafes(now_us, autopilot.parameters, old.failsafes, new.failsafes)
+            for name, subsystem in FAILSAFES.items():
+                if (name in old.failsafes) == (name in new.failsafes):
+                    continue
+                # The code of a fence is the breached bits of FENCE_TYPE. Two breached areas are not distinguished.
+                fence_type = int(autopilot.parameters["FENCE_TYPE"]) & 0xFF
+                occurred = fence_type if name == "Fence" else OCCURRED
+                self._log_error(now_us, subsystem, occurred if name in new.failsafes else RESOLVED)
         items = new.mission.items
         if new.mission != old.mission:
             self._items_total = len(items)
@@ -206,13 +212,6 @@ class ChangeLog:
                 self._put(pack(now_us, name.encode(), value, _DEFAULTS.get(name, math.nan)))
         x, y, z = (values.get(f"COMPASS_OFS_{axis}", 0.0) for axis in "XYZ")
         self.offset_mgauss = (x, y, z)
-
-    def _log_failsafes(self, now_us: int, p: Parameters, old: tuple[str, ...], new: tuple[str, ...]) -> None:
-        for name, subsystem in FAILSAFES.items():
-            if (name in old) != (name in new):
-                # The code of a fence is the breached bits of FENCE_TYPE. Two breached areas are not distinguished.
-                occurred = int(p["FENCE_TYPE"]) & 0xFF if name == "Fence" else OCCURRED
-                self._log_error(now_us, subsystem, occurred if name in new else RESOLVED)
 
     def _log_error(self, now_us: int, subsystem: int, code: int) -> None:
         self._put(FORMATS["ERR"].pack(now_us, subsystem, code))

@@ -184,8 +184,8 @@ class RecordFormat:
             raise ValueError(f"format {name}: give each of at most 16 columns a name, letter, unit and multiplier")
         if not (len(name) <= 4 and len(columns) <= 64 and 0 <= type_id <= 255):
             raise ValueError(f"format {name}: 4 characters of name, 64 of columns, and a type up to 255 fit")
-        unknown = [c for c, known in (*_with(letters, _LETTERS), *_with(units, UNITS), *_with(multipliers, MULTIPLIERS))
-                   if not known]  # fmt: skip
+        tables = ((letters, _LETTERS), (units, UNITS), (multipliers, MULTIPLIERS))
+        unknown = [character for characters, table in tables for character in characters if character not in table]
         if unknown:
             raise ValueError(f"format {name}: no such letter, unit or multiplier: {' '.join(unknown)}")
         self.type_id = type_id
@@ -222,12 +222,12 @@ class RecordFormat:
 
 def formats(rows: Iterable[tuple[str, str, str, str, str]]) -> dict[str, RecordFormat]:
     """Return the formats of a log by name, FMT first. The type number of each is its position in the rows."""
-    found = {"FMT": RecordFormat(FMT_TYPE, *FMT_ROW)}
+    by_name = {"FMT": RecordFormat(FMT_TYPE, *FMT_ROW)}
     for place, row in enumerate(rows, start=1):
-        if row[0] in found:
-            raise ValueError(f"format {row[0]} is there twice")
-        found[row[0]] = RecordFormat(place if place < FMT_TYPE else place + 1, *row)
-    return found
+        if row[0] in by_name:
+            raise ValueError(f"format {row[0]} is defined twice")
+        by_name[row[0]] = RecordFormat(place if place < FMT_TYPE else place + 1, *row)
+    return by_name
 
 
 def header(known: Mapping[str, RecordFormat], now_us: int) -> bytes:
@@ -240,10 +240,6 @@ def header(known: Mapping[str, RecordFormat], now_us: int) -> bytes:
     records += [mult(now_us, ord(character), factor) for character, factor in MULTIPLIERS.items()]
     records += [fmtu(now_us, f.type_id, f.units, f.multipliers) for f in known.values()]
     return b"".join(records)
-
-
-def _with(characters: str, table: Mapping[str, Any]) -> list[tuple[str, bool]]:
-    return [(character, character in table) for character in characters]
 
 
 def _fitting(letter: str, value: Any) -> Any:

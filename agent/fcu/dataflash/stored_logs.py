@@ -61,30 +61,28 @@ class StoredLogs:
         return LogFile(logs[index], self._disk)
 
     def _list(self) -> None:
-        found: list[StoredLog] = []
+        """List the logs. Runs in the thread."""
+        logs: list[StoredLog] = []
+        paths: list[tuple[str, Path]] = []
         try:
-            for name, path in self._paths():
+            if self._file is not None:
+                paths = [("00000001.BIN", self._file)]
+            elif self._directory is not None and self._directory.is_dir():
+                numbered = [(LOG_NAME.fullmatch(path.name), path) for path in self._directory.iterdir()]
+                in_order = sorted((int(match[1]), path) for match, path in numbered if match)
+                paths = [(path.name.upper(), path) for _, path in in_order]
+            for name, path in paths:
                 try:
                     status = path.lstat()
                 except FileNotFoundError:
                     continue
                 if stat.S_ISREG(status.st_mode):
                     identity = (status.st_dev, status.st_ino)
-                    found.append(StoredLog(name, path, status.st_size, int(status.st_mtime), identity))
+                    logs.append(StoredLog(name, path, status.st_size, int(status.st_mtime), identity))
         finally:
-            self._listed = tuple(found)
+            self._listed = tuple(logs)
             self._listed_s = time.monotonic()
             self._asked = False
-
-    def _paths(self) -> list[tuple[str, Path]]:
-        if self._file is not None:
-            return [("00000001.BIN", self._file)]
-        if self._directory is None or not self._directory.is_dir():
-            return []
-        numbered = [
-            (int(match[1]), entry) for entry in self._directory.iterdir() if (match := LOG_NAME.fullmatch(entry.name))
-        ]
-        return [(entry.name.upper(), entry) for _, entry in sorted(numbered)]
 
 
 def _open_listed(log: StoredLog, flags: int) -> int:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import threading
 from collections import deque
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Callable
 
@@ -151,7 +151,11 @@ class LogWriter:
         changed = False
         while self._batch or self._queue:
             if not self._batch:
-                self._batch = memoryview(self._next_batch())
+                batch = bytearray()
+                while self._queue and len(batch) < _CHUNK_BYTES:
+                    batch += self._queue.popleft()
+                    self._batch_records += 1
+                self._batch = memoryview(bytes(batch))
             count = _write(self._descriptor, self._batch)
             self._batch = self._batch[count:]
             if not self._batch:
@@ -162,15 +166,8 @@ class LogWriter:
         if changed:
             _sync(self._descriptor)
 
-    def _next_batch(self) -> bytes:
-        batch = bytearray()
-        while self._queue and len(batch) < _CHUNK_BYTES:
-            batch += self._queue.popleft()
-            self._batch_records += 1
-        return bytes(batch)
 
-
-"""Openers. Each opens the file of a new log and returns its path and descriptor. Raises OSError."""
+# Openers: each opens the file of a new log and returns its path and descriptor. They raise OSError.
 
 
 def numbered_log_opener(directory: Path) -> Opener:
@@ -182,7 +179,11 @@ def numbered_log_opener(directory: Path) -> Opener:
     def open_next() -> tuple[Path, int]:
         directory.mkdir(parents=True, exist_ok=True)
         _remove_oldest(directory)
-        number = max(_numbers(directory), default=0) + 1
+        names = (LOG_NAME.fullmatch(path.name) for path in directory.iterdir())
+        numbers = [int(name[1]) for name in names if name]
+        with contextlib.suppress(OSError, ValueError), (directory / LAST).open("rb") as file:
+            numbers.append(int(file.read(16)))
+        number = max(numbers, default=0) + 1
         while True:
             path = directory / f"{number:08d}.BIN"
             try:
@@ -220,15 +221,3 @@ def _remove_oldest(directory: Path) -> None:
             return
         path.unlink()
         total -= size
-
-
-def _numbers(directory: Path) -> Iterator[int]:
-    for entry in directory.iterdir():
-        match = LOG_NAME.fullmatch(entry.name)
-        if match:
-            yield int(match.group(1))
-    try:
-        with (directory / LAST).open("rb") as file:
-            yield int(file.read(16))
-    except (OSError, ValueError):
-        return

@@ -168,10 +168,10 @@ class MavlinkChannel:
 
     def _set_parameter(self, name: str, value: float) -> None:
         """Set a parameter. Raises ParameterError."""
-        kept = self.autopilot.parameters.set(name, value)
+        stored = self.autopilot.parameters.set(name, value)
         self.hub.parameter_changed(name, self._outbox)
         if self._ground and self.hub.storage is not None:
-            self.hub.storage.keep_parameter(name, kept)
+            self.hub.storage.keep_parameter(name, stored)
 
     def _plan_stored(self) -> None:
         if self._ground and self.hub.storage is not None:

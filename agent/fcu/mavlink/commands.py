@@ -186,7 +186,7 @@ class CommandHandlers:
         if self._autopilot.state.mode != modes.GUIDED:
             flags = _whole(c.p2)
             if flags < 0 or not flags & _CHANGE_MODE:
-                self._hub.warn("Reposition refused: not in GUIDED, and the mode is not to be changed")
+                self._hub.warn("Reposition refused: not in GUIDED, and the command does not change the mode")
                 return _accepted(False)
             if self._autopilot.set_mode(modes.GUIDED):
                 return _accepted(False, mav.MAV_RESULT_FAILED)
@@ -213,20 +213,15 @@ class CommandHandlers:
         wanted = _whole(c.p1)
         if wanted == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
             return self._get_interval(c._replace(p1=c.p2), now_ns)
-        if wanted == mav.MAVLINK_MSG_ID_AVAILABLE_MODES:
-            return self._available_modes(_whole(c.p2))
-        return self._message(wanted, now_ns)
-
-    def _available_modes(self, index: int) -> Answer:
-        """Return one mode, counted from 1, or all for 0."""
-        if not 0 <= index <= len(modes.TABLE):
+        if wanted != mav.MAVLINK_MSG_ID_AVAILABLE_MODES:
+            return self._message(wanted, now_ns)
+        index, count = _whole(c.p2), len(modes.TABLE)  # one mode, counted from 1, or 0 for all
+        if not 0 <= index <= count:
             return _accepted(False)
-        wanted = range(len(modes.TABLE)) if index == 0 else [index - 1]
         return int(mav.MAV_RESULT_ACCEPTED), [
-            mav.MAVLink_available_modes_message(
-                len(modes.TABLE), at + 1, 0, modes.TABLE[at].number, 0, modes.TABLE[at].name.encode()
-            )
-            for at in wanted
+            mav.MAVLink_available_modes_message(count, number, 0, mode.number, 0, mode.name.encode())
+            for number, mode in enumerate(modes.TABLE, start=1)
+            if index in (0, number)
         ]
 
     def _message(self, message_id: int, now_ns: int) -> Answer:
@@ -269,7 +264,7 @@ class CommandHandlers:
         if action not in (_READ, _WRITE, _RESET):
             return _accepted(False)
         if self._autopilot.state.armed:
-            self._hub.warn("Storage left alone: armed")
+            self._hub.warn("Storage unchanged: armed")
             return int(mav.MAV_RESULT_TEMPORARILY_REJECTED), []
         if storage is None or not self._stores:
             self._hub.warn("Storage: none; start the agent with --storage FILE")
@@ -311,7 +306,7 @@ class SetpointHandlers:
             if m.coordinate_frame in _OFFSET_FRAMES:
                 north_m, east_m = north_m + estimate.pos_ned_m[0], east_m + estimate.pos_ned_m[1]
             if not math.isfinite(north_m + east_m):
-                self._hub.warn(f"Local target refused: position {m.x:g}, {m.y:g} is none")
+                self._hub.warn(f"Local target refused: position {m.x:g}, {m.y:g} is not valid")
                 return []
             self._autopilot.commands.go_to_local(north_m, east_m)
             return []
@@ -335,8 +330,8 @@ class SetpointHandlers:
             return []
         turns = not m.type_mask & mav.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
         w, x, y, z = m.q
-        given = (m.thrust, m.body_yaw_rate) if turns else (m.thrust, w, x, y, z)
-        if not all(map(math.isfinite, given)):
+        values = (m.thrust, m.body_yaw_rate) if turns else (m.thrust, w, x, y, z)
+        if not all(map(math.isfinite, values)):
             self._hub.warn("Attitude target refused: not all of its values are numbers")
             return []
         commands, thrust = self._autopilot.commands, min(max(m.thrust, -1.0), 1.0)
@@ -366,12 +361,12 @@ class SetpointHandlers:
         yaw_rad = None if mask & _YAW_IGNORED else m.yaw + turned_rad
         yaw_rate_radps = None if mask & _YAW_RATE_IGNORED else m.yaw_rate
         if mask & _ACCELERATION_IGNORED != _ACCELERATION_IGNORED or mask & _POSITION_IGNORED in (1, 2):
-            self._hub.warn(f"{name} refused: type mask {mask:#06x} asks for what a boat does not do")
+            self._hub.warn(f"{name} refused: a boat does not support type mask {mask:#06x}")
             return []
-        given = [m.vx, m.vy] if velocity else []
-        given += [value for value in (yaw_rad, yaw_rate_radps) if value is not None]
-        if not given or not all(map(math.isfinite, given)):
-            why = "nothing in it counts" if not given else "not all of its values are numbers"
+        values = [m.vx, m.vy] if velocity else []
+        values += [value for value in (yaw_rad, yaw_rate_radps) if value is not None]
+        if not values or not all(map(math.isfinite, values)):
+            why = "not all of its values are numbers" if values else "its type mask ignores every value"
             self._hub.warn(f"{name} refused: {why}")
             return []
         if not velocity:

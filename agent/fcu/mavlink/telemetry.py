@@ -143,7 +143,15 @@ class TelemetryStreams:
             if message is not None:
                 messages.append(message)
         if self._announces_changes:
-            messages.extend(self._changes(now_ns))
+            frame, home = hub.autopilot.estimator.frame, hub.autopilot.navigator.home
+            changed = []
+            if frame is not self._frame:
+                changed.append(mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+            if home != self._home:
+                changed.append(mav.MAVLINK_MSG_ID_HOME_POSITION)
+            self._frame, self._home = frame, home
+            announcements = (self.message(message_id, now_ns) for message_id in changed)
+            messages.extend(message for message in announcements if message is not None)
         hub.distribute(now_ns)
         while outbox.reached:
             messages.append(mav.MAVLink_mission_item_reached_message(outbox.reached.popleft()))
@@ -156,14 +164,3 @@ class TelemetryStreams:
         """Return one message now, None when it is unknown or has no data."""
         report = REPORTS.get(message_id)
         return None if report is None else report(self._hub, now_ns)
-
-    def _changes(self, now_ns: int) -> Messages:
-        found: Messages = []
-        autopilot = self._hub.autopilot
-        if autopilot.estimator.frame is not self._frame:
-            self._frame = autopilot.estimator.frame
-            found.append(self.message(mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, now_ns))
-        if autopilot.navigator.home != self._home:
-            self._home = autopilot.navigator.home
-            found.append(self.message(mav.MAVLINK_MSG_ID_HOME_POSITION, now_ns))
-        return [message for message in found if message is not None]

@@ -87,14 +87,10 @@ class TrafficReports:
             if known is None or known[0] != heard_ns or not 0 <= now_ns - known[1] < AGAIN_NS:
                 self._sent[message.MMSI] = heard_ns, now_ns
                 self._spoke_ns = now_ns
-                return [_as_of(message, max(now_ns - heard_ns, 0))]
+                values = {name: getattr(message, f"_{name}_raw", getattr(message, name)) for name in message.fieldnames}
+                values["tslc"] = min(message.tslc + max(now_ns - heard_ns, 0) // 1_000_000_000, 65535)
+                return [mav.MAVLink_ais_vessel_message(**values)]
         if len(self._sent) > 2 * MOST_VESSELS:
             heard = {vessel.message.MMSI for vessel in table}
             self._sent = {mmsi: sent for mmsi, sent in self._sent.items() if mmsi in heard}
         return []
-
-
-def _as_of(message: Any, silent_ns: int) -> Any:
-    values = {name: getattr(message, f"_{name}_raw", getattr(message, name)) for name in message.fieldnames}
-    values["tslc"] = min(message.tslc + silent_ns // 1_000_000_000, 65535)
-    return mav.MAVLink_ais_vessel_message(**values)

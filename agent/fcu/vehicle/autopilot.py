@@ -9,20 +9,17 @@ commands, and `failsafes` the reaction to failures and the fence.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-
 from agent.fcu.control.allocation import ThrustAllocator
-from agent.fcu.control.controller import STILL, ControllerGuard, Demand, MakeController, Motors, Order
+from agent.fcu.control.controller import STILL, ControllerGuard, Demand, MakeController, Motors
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
 from agent.fcu.control.manual_control import ManualControl
 from agent.fcu.fence import Fence, FenceBreach
 from agent.fcu.mission import MissionSequence
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
-from agent.fcu.vehicle.commands import OperatorCommands
+from agent.fcu.vehicle.commands import OperatorCommands, ServoOutputs
 from agent.fcu.vehicle.failsafes import FailsafeHandler
 from agent.fcu.vehicle.navigation import GuidedTarget, ModeInput, Navigator
-from agent.fcu.vehicle.servos import ServoOutputs
 from agent.fcu.vehicle_state import CRITICAL, INFO, NOTICE, WARNING, Actuators, EventQueue, VehicleState
 from agent.mavlink.modes import ROVER_MODES
 from agent.navigation.estimator import Estimator
@@ -56,8 +53,6 @@ class Autopilot:
     """Parts of an autopilot and its control loop. Feed `estimator` and call `control` at LOOP_HZ.
 
     make_controller: builds a replacement of HeadingSpeedController.
-    estimates_used: number of estimates (LS) that control (LC) has used.
-    gps_time: the date, None until a receiver provides it.
 
     Methods that can refuse return the reason, which is empty on success.
     """
@@ -87,6 +82,7 @@ class Autopilot:
             mission, p, self.events, lambda item: self.commands.perform(item), self._utc_s, mixer.pivots
         )
         self.gps_time: GpsTime | None = None
+        """Date, None until a receiver provides it."""
         self.controller = ControllerGuard(self._make_controller, p, self.events)
         self.servos = ServoOutputs(mixer.outputs)
         self.fence.breach = FenceBreach()
@@ -117,22 +113,12 @@ class Autopilot:
             disarm=self.disarm,
         )
         self.estimates_used = 0
+        """Number of estimates (LS) that control (LC) has used."""
         self._cycle = 0
         self._prearm_said_ns: int | None = None
         self._prearm_passed = False
         self._parameters_version = p.version
         self._last_control_ns: int | None = None
-
-    def _configure(self) -> None:
-        """Apply changed parameters."""
-        self._parameters_version = self.parameters.version
-        self.estimator.configure()
-        self.manual.configure()
-        self.allocator.configure()
-        self.servos.driven = self.allocator.mixer.outputs
-        self.navigator.configure(self.parameters, self.allocator.mixer.pivots)
-        self.controller.configure()
-        self.failsafes.configure()
 
     # -- the loop
 
@@ -146,7 +132,14 @@ class Autopilot:
                 dt_s = elapsed_s
         self._last_control_ns = state.now_ns = now_ns
         if self.parameters.version != self._parameters_version:
-            self._configure()
+            self._parameters_version = self.parameters.version
+            self.estimator.configure()
+            self.manual.configure()
+            self.allocator.configure()
+            self.servos.driven = self.allocator.mixer.outputs
+            self.navigator.configure(self.parameters, self.allocator.mixer.pivots)
+            self.controller.configure()
+            self.failsafes.configure()
         estimate = state.estimate = self.estimator.estimate()
         if self.navigator.home is None and estimate.position_valid:
             self.navigator.set_home_here(self.estimator.frame, estimate)
@@ -171,37 +164,26 @@ class Autopilot:
             return self.allocator.allocate(STILL, dt_s)
         (north_m, east_m, _), (vn, ve, _) = estimate.pos_ned_m, estimate.vel_ned_mps
         speed_mps = ground_speed_mps(estimate.yaw_rad, vn, ve)
+        # The mode: an order for the controller, a demand that bypasses it, or None at the end of the mission.
+        frame, sticks = self.estimator.frame or _NO_ORIGIN, self.manual.sticks(now_ns)
         asked = mode.steer(
-            self.navigator,
-            ModeInput(
-                now_ns,
-                dt_s,
-                estimate,
-                self.estimator.frame or _NO_ORIGIN,
-                (north_m, east_m),
-                speed_mps,
-                self.manual.sticks(now_ns),
-            ),
+            self.navigator, ModeInput(now_ns, dt_s, estimate, frame, (north_m, east_m), speed_mps, sticks)
         )
         if asked is None:
-            self._end_mission()
+            number = modes.LOITER if self.parameters["MIS_DONE_BEHAVE"] >= 1.0 else modes.HOLD
+            self.events.add(NOTICE, f"Mission complete: {modes.NAMES[number]}")
+            self.switch_mode(number)
             return self.allocator.neutral
         if isinstance(asked, Demand):
             self.controller.restart()
             return self.allocator.allocate(asked, dt_s, speed_mps, by_hand=True)
-        return self._run_controller(asked, speed_mps, dt_s)
-
-    def _run_controller(self, order: Order, speed_mps: float, dt_s: float) -> tuple[float, ...]:
+        # The controller (LC), and the allocation (LA).
+        state.speed_error_mps = asked.speed_mps - speed_mps
         last = self.allocator.last
-        self.state.speed_error_mps = order.speed_mps - speed_mps
-        output = self.controller.control(
-            order._replace(
-                ground_speed_mps=speed_mps, thrust_limited=last.thrust_limited, steering_limited=last.steering_limited
-            ),
-            self.state.estimate,
-            dt_s,
-            len(self.allocator.neutral),
+        order = asked._replace(
+            ground_speed_mps=speed_mps, thrust_limited=last.thrust_limited, steering_limited=last.steering_limited
         )
+        output = self.controller.control(order, estimate, dt_s, len(self.allocator.neutral))
         if isinstance(output, Motors):
             return self.allocator.pass_through(output)
         return self.allocator.allocate(output, dt_s, speed_mps)
@@ -217,28 +199,33 @@ class Autopilot:
         self.allocator.restart()
         self.state.speed_error_mps = 0.0
 
-    def _end_mission(self) -> None:
-        number = modes.LOITER if self.parameters["MIS_DONE_BEHAVE"] >= 1.0 else modes.HOLD
-        self.events.add(NOTICE, f"Mission complete: {modes.NAMES[number]}")
-        self.switch_mode(number)
-
     # -- arming
 
     def prearm_problems(self) -> tuple[str, ...]:
-        """Return the reasons why arming is refused, in ArduPilot's words. Empty when ready."""
+        """Return the reasons why arming is refused, in ArduPilot's words. Empty when ready.
+
+        ARMING_CHECK enables the checks. A mode without a position does not need GNSS. Problems without a bit, such as
+        those of the fence, count if any check is enabled.
+        """
         checks = int(self.parameters["ARMING_CHECK"])
         if checks == 0:
             return ()
-        found = list(self.estimator.problems())
+        problems = list(self.estimator.problems())
         if self.failsafes.imu_lost or self.estimator.imu_accepted == 0:
-            found.insert(0, ArmingProblem("INS", "Gyros not healthy"))
+            problems.insert(0, ArmingProblem("INS", "Gyros not healthy"))
         if self.state.mode == modes.AUTO and not self.navigator.mission.items:
-            found.append(ArmingProblem("Mission", "Mode requires mission"))
-        found += self.failsafes.fence_problems()
-        found += self.manual.problems(self.state.now_ns)
+            problems.append(ArmingProblem("Mission", "Mode requires mission"))
+        problems += self.failsafes.fence_problems()
+        problems += self.manual.problems(self.state.now_ns)
         if self.controller.problem:
-            found.append(ArmingProblem("Controller", f"Controller: {self.controller.problem}"))
-        return tuple(_enabled_checks(found, checks, modes.BY_NUMBER[self.state.mode].needs_position))
+            problems.append(ArmingProblem("Controller", f"Controller: {self.controller.problem}"))
+        needs_position = modes.BY_NUMBER[self.state.mode].needs_position
+        return tuple(
+            problem.text
+            for problem in problems
+            if (needs_position or problem.check not in _POSITION_CHECKS)
+            and (checks & _ALL_CHECKS or checks & _CHECK_BITS.get(problem.check, checks))
+        )
 
     def say_prearm_problems(self) -> None:
         """Add each pre-arm problem as an event."""
@@ -353,15 +340,3 @@ class Autopilot:
     def _utc_s(self) -> float | None:
         utc_us = self.utc_us
         return None if utc_us is None else utc_us * 1e-6
-
-
-def _enabled_checks(problems: Iterable[ArmingProblem], checks: int, needs_position: bool) -> Iterator[str]:
-    """Yield the texts of the checks that ARMING_CHECK enables. A mode without a position does not need GNSS.
-
-    Problems without a bit, such as those of the fence, count if any check is enabled.
-    """
-    for problem in problems:
-        if problem.check in _POSITION_CHECKS and not needs_position:
-            continue
-        if checks & _ALL_CHECKS or checks & _CHECK_BITS.get(problem.check, checks):
-            yield problem.text

@@ -1,4 +1,4 @@
-"""Operator commands in addition to arming and modes: mission, targets of GUIDED, sticks, home, fence.
+"""Operator commands in addition to arming and modes: mission, targets of GUIDED, sticks, servos, home, fence.
 
 ACTIONS has a row for each mission item that is an action and not a stage.
 """
@@ -20,7 +20,7 @@ from agent.fcu.mission import (
     MissionItem,
     MissionSequence,
 )
-from agent.fcu.parameters import Parameters
+from agent.fcu.parameters import OUTPUTS, Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.mission_progress import LEAST_SPEED_MPS, passed_over
 from agent.fcu.vehicle.navigation import (
@@ -31,7 +31,6 @@ from agent.fcu.vehicle.navigation import (
     turn_target,
     velocity_target,
 )
-from agent.fcu.vehicle.servos import ServoOutputs
 from agent.fcu.vehicle_state import INFO, NOTICE, EventQueue, VehicleState
 from agent.navigation.estimator import Estimator
 from agent.navigation.geodetic import Home, position_problem
@@ -51,6 +50,66 @@ _MODE_SWITCHES = {
     59: modes.SIMPLE,
     72: modes.CIRCLE,
 }
+
+_SERVO_TRIM_US = 1500
+_SERVO_WIDTHS_US = (500, 2500)
+
+
+class ServoOutputs:
+    """Other servo outputs than the motors: set by DO_SET_SERVO, or moved repeatedly by DO_REPEAT_SERVO.
+
+    widths_us: pulse widths of outputs 1 to 16, 0 for unset ones. One output at a time moves repeatedly.
+    driven: outputs that drive the vessel, which cannot be set.
+    """
+
+    def __init__(self, driven: Sequence[int] = ()) -> None:
+        self.driven = driven
+        self.widths_us = [0] * OUTPUTS
+        self._moving = 0  # output, 0 for none
+        self._width_us = 0
+        self._moves_left = 0
+        self._half_ns = 0
+        self._moved_ns: int | None = None
+
+    def set(self, output: int, width_us: int) -> str:
+        """Set an output. Return the reason of a refusal, or an empty text."""
+        problem = self._problem(output, width_us)
+        if not problem:
+            if output == self._moving:
+                self._moves_left = 0
+            self.widths_us[output - 1] = width_us
+        return problem
+
+    def repeat(self, output: int, width_us: int, times: int, period_s: float) -> str:
+        """Move an output to `width_us` and back to 1500 us, `times` times.
+
+        Return the reason of a refusal, or an empty text.
+        """
+        problem = self._problem(output, width_us)
+        if not problem:
+            self._moving, self._width_us, self._moves_left = output, width_us, 2 * max(times, 0)
+            self._half_ns = round(0.5e9 * min(period_s, 3600.0)) if period_s > 0.0 else 0
+            self._moved_ns = None
+        return problem
+
+    def update(self, now_ns: int) -> None:
+        """Update the outputs each cycle."""
+        if self._moves_left == 0:
+            return
+        if self._moved_ns is not None and 0 <= now_ns - self._moved_ns < self._half_ns:
+            return
+        self.widths_us[self._moving - 1] = _SERVO_TRIM_US if self._moves_left % 2 else self._width_us
+        self._moves_left -= 1
+        self._moved_ns = now_ns
+
+    def _problem(self, output: int, width_us: int) -> str:
+        if not 1 <= output <= OUTPUTS:
+            return f"Servo {output} does not exist; use 1 to {OUTPUTS}"
+        if output in self.driven:
+            return f"ServoRelayEvent: Channel {output} is already in use"
+        low, high = _SERVO_WIDTHS_US
+        fits = low <= width_us <= high or width_us == 0
+        return "" if fits else f"Servo at {width_us} us; use {low} to {high}, 0 for none"
 
 
 class OperatorCommands:
@@ -104,7 +163,7 @@ class OperatorCommands:
         """Continue from mission item `seq`, 0 for the first."""
         mission = self._navigator.mission
         if not 0 <= seq < len(mission.items):
-            return self._events.refuse(f"mission item {seq} is not there; the mission has {len(mission.items)} items")
+            return self._events.refuse(f"mission item {seq} does not exist; the mission has {len(mission.items)} items")
         if mission.next_waypoint(seq) is None:
             return self._events.refuse(f"mission item {seq}: no waypoint comes after it")
         self._navigator.progress.resume_from(max(seq, 1))
@@ -119,7 +178,7 @@ class OperatorCommands:
         """Set the speed over ground while the mode lasts, or of the mission in AUTO."""
         mode = modes.BY_NUMBER[self._state.mode]
         if not mode.has_speed:
-            return self._events.refuse(f"{mode.name} has no speed of its own")
+            return self._events.refuse(f"{mode.name} has no speed to change")
         if not LEAST_SPEED_MPS <= speed_mps <= 100.0:
             return self._events.refuse(f"speed {speed_mps:g} m/s; use {LEAST_SPEED_MPS:g} to 100")
         if mode.number == modes.AUTO:
@@ -247,7 +306,7 @@ class OperatorCommands:
         """Set home. Arming no longer moves it."""
         problem = position_problem(lat_deg, lon_deg)
         if not problem and not abs(alt_m) < 1e5:
-            problem = f"altitude {alt_m:g} m is not one; use 0"
+            problem = f"altitude {alt_m:g} m is not valid; use 0"
         if not problem and self._estimator.frame is None:
             problem = "home cannot be set before there is a position"
         if problem:
@@ -268,7 +327,7 @@ class OperatorCommands:
         """Set the origin of local positions, if no fix has defined it yet."""
         problem = position_problem(lat_deg, lon_deg)
         if not problem and not abs(alt_m) < 1e5:
-            problem = f"altitude {alt_m:g} m is not one; use 0"
+            problem = f"altitude {alt_m:g} m is not valid; use 0"
         if not problem and not self._estimator.set_origin(lat_deg, lon_deg, alt_m):
             problem = "the origin is set already"
         return self._events.refuse(f"Origin refused: {problem}") if problem else ""

@@ -200,7 +200,10 @@ class FailsafeHandler:
         """Run one cycle."""
         state, monitor = self._state, self._monitor
         if monitor.update_imu(self._estimator.imu_accepted, state.armed, now_ns):
-            self._on_imu()
+            if monitor.imu.active:
+                self._events.add(CRITICAL, f"Failsafe: no IMU for {monitor.imu_timeout_s:g} s, outputs neutral")
+            else:
+                self._events.add(NOTICE, "Failsafe over: IMU is back, outputs go on")
         position_valid = state.estimate.position_valid
         steering_by_it = state.armed and modes.BY_NUMBER[state.mode].needs_position
         if monitor.update_ekf(not position_valid, self._estimator.ratios, steering_by_it, now_ns):
@@ -210,13 +213,6 @@ class FailsafeHandler:
         if self._fence_cycle == 0 and position_valid:
             self._update_fence(now_ns)
         self._fence_cycle = (self._fence_cycle + 1) % _FENCE_EVERY
-
-    def _on_imu(self) -> None:
-        if self._monitor.imu.active:
-            timeout_s = self._monitor.imu_timeout_s
-            self._events.add(CRITICAL, f"Failsafe: no IMU for {timeout_s:g} s, outputs neutral")
-        else:
-            self._events.add(NOTICE, "Failsafe over: IMU is back, outputs go on")
 
     def _on_ekf(self, position_valid: bool) -> None:
         action = int(self._parameters["FS_EKF_ACTION"])

@@ -109,11 +109,9 @@ class PlaceStage:
             self.done = self._stayed_s >= self._stay_s
             return self._station.steer(now)
         if self._line is None or now.frame is not self._frame:
-            self._draw_line(now)
-        line = self._line
-        assert line is not None
+            self._line = self._draw_line(now)
         self._guidance, output = follow_leg(
-            now.gains, self._guidance, line, now.pos_ne_m, now.yaw_rad, now.speed_mps, now.wanted_mps, now.dt_s
+            now.gains, self._guidance, self._line, now.pos_ne_m, now.yaw_rad, now.speed_mps, now.wanted_mps, now.dt_s
         )
         if output.reached:
             finite = 0.0 < self._stay_s < math.inf
@@ -127,18 +125,17 @@ class PlaceStage:
         """Whether the next line starts at the vessel's position then."""
         return self._stay_s > 0.0
 
-    def _draw_line(self, now: GuidanceInput) -> None:
-        start, turn_from = now.pos_ne_m, None
-        if self._before is not None and self._frame is None:
-            turn_from = self._before._line
-        if turn_from is not None:
-            start = (turn_from.end_north_m, turn_from.end_east_m)
+    def _draw_line(self, now: GuidanceInput) -> GuidanceLeg:
+        """Return the line from the end of the previous one, or from the vessel's position."""
         end = now.frame.to_local(*self._place)
         after = None if self._after is None else now.frame.to_local(*self._after)
-        self._line = make_leg(start, end, after)
-        if turn_from is not None and self._before is not None:
-            self._guidance = carry_integral(self._before._guidance, self._line.course_rad - turn_from.course_rad)
+        before = self._before if self._frame is None else None
         self._frame, self._before = now.frame, None
+        if before is None or before._line is None:
+            return make_leg(now.pos_ne_m, end, after)
+        line = make_leg((before._line.end_north_m, before._line.end_east_m), end, after)
+        self._guidance = carry_integral(before._guidance, line.course_rad - before._line.course_rad)
+        return line
 
 
 class CircleStage:
@@ -221,11 +218,7 @@ class _NextItem(NamedTuple):
     current: int
     passed: tuple[int, ...]
     jumps: dict[int, int]
-    said: tuple[str, ...]
-
-
-def _mute(severity: int, text: str) -> None:
-    pass
+    texts: tuple[str, ...]
 
 
 def no_date() -> float | None:
@@ -256,7 +249,7 @@ class MissionProgress:
         self,
         mission: MissionSequence,
         default_speed_mps: float,
-        say: Say = _mute,
+        say: Say = lambda severity, text: None,
         perform: Perform = passed_over,
         utc_s: UtcClock = no_date,
     ) -> None:
@@ -321,7 +314,15 @@ class MissionProgress:
         if stage.done:
             if stage.ending is not None:
                 self._say(*stage.ending)
-            self._end_stage(stage)
+            self.reached += 1
+            self._undrained.append(self.current)
+            self._leave_out_passed()
+            self._stage = None
+            self._before = stage if isinstance(stage, PlaceStage) and not stage.stays else None
+            self._advance_to(self.current + 1)
+            if self.current == 0:
+                self._do_passed(0.0)
+                self._finish()
         return None if self.state == COMPLETE else output
 
     def drain_reached(self) -> list[int]:
@@ -330,17 +331,6 @@ class MissionProgress:
         return reached
 
     # -- transitions between stages
-
-    def _end_stage(self, stage: Stage) -> None:
-        self.reached += 1
-        self._undrained.append(self.current)
-        self._leave_out_passed()
-        self._stage = None
-        self._before = stage if isinstance(stage, PlaceStage) and not stage.stays else None
-        self._advance_to(self.current + 1)
-        if self.current == 0:
-            self._do_passed(0.0)
-            self._finish()
 
     def _finish(self) -> None:
         self._leave_out_passed()
@@ -354,13 +344,13 @@ class MissionProgress:
         """Find the next stage from `seq` on, with the items before it. An endless or invalid jump ends the mission."""
         items, jumps = self.mission.items, self._jumps
         passed: list[int] = []
-        said: list[str] = []
+        texts: list[str] = []
         for _ in range(_MOST_PASSED + len(items)):
             if not 0 < seq < len(items):
                 break
             item = items[seq]
             if item.command in STAGES:
-                return _NextItem(seq, tuple(passed), jumps, tuple(said))
+                return _NextItem(seq, tuple(passed), jumps, tuple(texts))
             if item.command not in (JUMP, DO_JUMP_TAG):
                 passed.append(seq)
                 seq += 1
@@ -370,18 +360,18 @@ class MissionProgress:
             if item.command == DO_JUMP_TAG:
                 target = self.mission.tagged(target)
             if not 0 < target < len(items):
-                said.append(f"Mission: {seq} {item.name} to {int(item.parameters[0])}: not there, mission ends")
-                return _NextItem(0, tuple(passed), jumps, tuple(said))
+                texts.append(f"Mission: {seq} {item.name} to {int(item.parameters[0])}: no such item, mission ends")
+                return _NextItem(0, tuple(passed), jumps, tuple(texts))
             if times == FOREVER or made < times:
                 jumps = {**jumps, seq: made + 1}
-                said.append(f"Mission: {seq} Jump {made + 1}/{'unlimited' if times == FOREVER else times}")
+                texts.append(f"Mission: {seq} Jump {made + 1}/{'unlimited' if times == FOREVER else times}")
                 seq = target
             else:
                 jumps = {**jumps, seq: 0}  # the next pass counts from zero
                 seq += 1
         else:
             passed.clear()
-        return _NextItem(0, tuple(passed), jumps, tuple(said))
+        return _NextItem(0, tuple(passed), jumps, tuple(texts))
 
     # -- items before a stage
 
@@ -404,19 +394,14 @@ class MissionProgress:
                 return
             self._passed = self._passed[1:]
             self._waited_s = None
-            if is_met is None:
-                self._carry_out(item)
+            if item.command in _OWN:
+                _OWN[item.command](self, item)
+            elif is_met is None:
+                skipped = self._perform(item)
+                if skipped:
+                    self._say(NOTICE, skipped)
             if self.current > 0:
                 return
-
-    def _carry_out(self, item: MissionItem) -> None:
-        own = _OWN.get(item.command)
-        if own is not None:
-            own(self, item)
-            return
-        left_out = self._perform(item)
-        if left_out:
-            self._say(NOTICE, left_out)
 
     def _leave_out_passed(self) -> None:
         """Report the items that still waited for a condition when the stage ended."""
@@ -440,9 +425,6 @@ class MissionProgress:
 
     def _limit_guided(self, item: MissionItem) -> None:
         self.guided_limits = (item.parameters[0], item.parameters[3])
-
-    def _pass_tag(self, item: MissionItem) -> None:
-        pass
 
     # -- start of a stage
 
@@ -526,5 +508,5 @@ CONDITIONS: Mapping[int, Callable[[MissionProgress, MissionItem], bool]] = {
 _OWN: Mapping[int, Callable[[MissionProgress, MissionItem], None]] = {
     CHANGE_SPEED: MissionProgress._change_speed,
     GUIDED_LIMITS: MissionProgress._limit_guided,
-    JUMP_TAG: MissionProgress._pass_tag,
+    JUMP_TAG: lambda progress, item: None,
 }

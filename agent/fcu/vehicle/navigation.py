@@ -89,7 +89,7 @@ def velocity_target(
         return f"velocity {north_mps:g}, {east_mps:g} m/s; use at most {_MOST_MPS:g}"
     if yaw_rad is not None:
         if not math.isfinite(yaw_rad):
-            return f"heading {yaw_rad:g} is not one; use radians"
+            return f"heading {yaw_rad:g} is not valid; use radians"
         along_mps = north_mps * math.cos(yaw_rad) + east_mps * math.sin(yaw_rad)
         return GuidedTarget(
             VELOCITY, north_mps=north_mps, east_mps=east_mps, heading_rad=wrap_angle(yaw_rad), speed_mps=along_mps

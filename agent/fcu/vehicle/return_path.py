@@ -60,7 +60,9 @@ class ReturnPath:
             self.points, self.problem = [], "SRTL_POINTS is 0"
             return
         if frame is not None and frame is not self._frame:
-            self._move_to(frame)
+            if self._frame is not None:
+                self.points = [frame.to_local(*self._frame.to_geodetic(*point)) for point in self.points]
+            self._frame = frame
         if not self.points:
             if pos_ne_m is not None and self.problem in ("no position yet", "SRTL_POINTS is 0"):
                 self.points, self.problem, self._saved_ns = [pos_ne_m], "", now_ns
@@ -133,17 +135,12 @@ class ReturnPath:
         self._at = at
         return at < 3
 
-    def _move_to(self, frame: LocalProjection) -> None:
-        if self._frame is not None:
-            self.points = [frame.to_local(*self._frame.to_geodetic(*point)) for point in self.points]
-        self._frame = frame
-
 
 def thinned(points: Sequence[Point], least_m: float) -> list[Point]:
     """Return a subset of the points. Its line is nowhere farther than `least_m` from the others. Both ends remain."""
     if len(points) < 3:
         return list(points)
-    kept = {0, len(points) - 1}
+    remaining = {0, len(points) - 1}
     open_ends = [(0, len(points) - 1)]
     while open_ends:
         first, last = open_ends.pop()
@@ -153,9 +150,9 @@ def thinned(points: Sequence[Point], least_m: float) -> list[Point]:
             if distance_m > off_m:
                 off_m, furthest = distance_m, index
         if off_m > least_m:
-            kept.add(furthest)
+            remaining.add(furthest)
             open_ends += [(first, furthest), (furthest, last)]
-    return [points[index] for index in sorted(kept)]
+    return [points[index] for index in sorted(remaining)]
 
 
 def _foot(point: Point, start: Point, end: Point) -> Point:

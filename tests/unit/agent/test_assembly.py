@@ -140,7 +140,7 @@ def test_refused_frames_are_counted_in_the_status(opened: ExitStack, tmp_path: P
         (Options(controller="nowhere:Fast"), "nowhere"),
         (Options(storage=Path("/nowhere/kept.json")), "/nowhere/kept.json: there is no folder /nowhere"),
         (Options(ground=("tcp://256.0.0.1:1",)), "tcp://256.0.0.1:1"),
-        (Options(log_dir=Path("/a"), log_file=Path("/b")), "log-dir, log-file: a log goes to one of them"),
+        (Options(log_dir=Path("/a"), log_file=Path("/b")), "log-dir, log-file: a log needs only one of them"),
         (Options(role="companion", ground=("tcp://127.0.0.1:0",)), "gcs: a companion has none; leave it out"),
         (Options(role="companion", log_dir=Path("/a")), "log-dir: a companion has none; leave it out"),
     ],
@@ -155,7 +155,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(opened: ExitStack, options: O
 def test_an_empty_key_is_refused(opened: ExitStack, tmp_path: Path) -> None:
     (tmp_path / "key").write_text("\n")
     (tmp_path / "key").chmod(0o600)
-    with pytest.raises(REFUSALS, match="holds no signing key"):
+    with pytest.raises(REFUSALS, match="contains no signing key"):
         Pair(Options(link_key=tmp_path / "key"), opened)
     (tmp_path / "key").write_bytes(b"\xff\xff")
     with pytest.raises(REFUSALS, match="not text"):
@@ -202,7 +202,7 @@ def test_the_first_line_says_where_it_waits_and_a_host_can_call() -> None:
 def test_what_is_not_permitted_is_said_after_the_first_line() -> None:
     with started("--link", "udp://127.0.0.1:0", "--cpu", "4000") as process:
         assert " embedded autopilot waits at udp://" in line_of(process)
-        assert line_of(process).startswith("not pinned: processor 4000 cannot be had; use one of ")
+        assert line_of(process).startswith("not pinned: processor 4000 is not available; use one of ")
 
 
 def test_a_refusal_is_one_line_and_exit_code_2(tmp_path: Path) -> None:

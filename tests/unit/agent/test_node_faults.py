@@ -112,9 +112,9 @@ def test_all_zero_ends_everything_but_time_goes_on_from_where_it_is(host: Host) 
 @pytest.mark.parametrize(
     ("fields", "said"),
     [
-        ({"loss": 1.5}, "Faults refused: loss 1.5 is no share of 1"),
-        ({"duplicate": math.nan}, "Faults refused: duplicate nan is no share of 1"),
-        ({"cpu_load": -0.1}, "Faults refused: cpu_load -0.1 is no share of 1"),
+        ({"loss": 1.5}, "Faults refused: loss 1.5 is not within 0 to 1"),
+        ({"duplicate": math.nan}, "Faults refused: duplicate nan is not within 0 to 1"),
+        ({"cpu_load": -0.1}, "Faults refused: cpu_load -0.1 is not within 0 to 1"),
         ({"delay_usec": 60_000_001}, "Faults refused: delay_usec 60000001 is above 60000000"),
         ({"clock_skew_ppm": math.inf}, "Faults refused: clock_skew_ppm inf is not within 100000"),
         ({"clock_offset_ns": 2**63 - 1}, "Faults refused: clock_offset_ns 9223372036854775807 is not within"),

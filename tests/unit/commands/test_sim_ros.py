@@ -46,7 +46,7 @@ def test_it_is_keys_of_the_profile(golden: Golden) -> None:
     with pytest.raises(UserError) as refused:
         ros_options("box", False)
     golden("error", refused.value)
-    with pytest.raises(UserError, match="are opposites"):
+    with pytest.raises(UserError, match="--ros contradicts --no-ros"):
         ros_options("ros2", True)
 
 

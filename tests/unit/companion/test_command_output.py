@@ -65,18 +65,18 @@ def test_what_drifts_across_is_passed_up_the_current(current: np.ndarray, early_
     east_m = -(north_m / 3.0) * current[1] + math.copysign(early_m, current[1])
     boom = wall(10.0 * math.copysign(1.0, current[1]))
     best = choice(adrift(north_m, east_m, current, boom), current)
-    assert best.what == AROUND
+    assert best.kind == AROUND
     assert math.sin(best.course_rad) * current[1] < 0.0
 
 
 def test_what_is_held_beside_a_free_way_is_let_alone() -> None:
-    assert choice(adrift(20.0, 9.0, STILL, wall(10.0)), EAST).what == FREE
+    assert choice(adrift(20.0, 9.0, STILL, wall(10.0)), EAST).kind == FREE
 
 
 def test_a_stop_past_the_end_of_the_legs_ends() -> None:
     """The mission's last place lies 3 m astern: there is no more to be gained than those."""
     back = PathLegs(np.array([(0.0, 0.0), (-3.0, 0.0)]))
-    assert choice(NOTHING, EAST, back, stays=True).what != STAY
+    assert choice(NOTHING, EAST, back, stays=True).kind != STAY
 
 
 def test_waiting_is_where_the_vessel_comes_to_rest_and_up_the_current_of_what_stands() -> None:

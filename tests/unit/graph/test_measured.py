@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -19,8 +21,12 @@ from xitl_cli.profile import load_profile, resolved_yaml
 from xitl_cli.profile.schema.graph import is_node_name
 from xitl_cli.record.topics import LinkReport
 from xitl_cli.run.core.reports import NodeReport
-from xitl_cli.run.nodes.bridge import AutopilotReport, Milestones
+from xitl_cli.run.links.link_accounts import agent_traffic
+from xitl_cli.run.nodes.bridge import traffic_behind
+from xitl_cli.run.nodes.display import NoDisplay
+from xitl_cli.run.nodes.drivers import GroundStationDriver
 from xitl_cli.run.run_graph import graph_section, measured_run
+from xitl_cli.run.session import run
 
 IMU, COMMAND, RUN = (
     dialect.MAVLINK_MSG_ID_XITL_IMU,
@@ -48,10 +54,13 @@ def node(**values: Any) -> NodeReport:
     return NodeReport("LS,LC,LA", "board", "1", None, 0, **{"estimates": 4, "efforts": 4, **values})
 
 
+RECORDED = ("PS1", "M")
+
+
 def section(name: str = "sitl", traffic: Any = None, nodes: Any = None, reports: Any = None) -> dict[str, Any]:
-    profile = load_profile(name).runnable()
-    traffic = {"agent": EVERYTHING} if traffic is None else traffic
-    return graph_section(profile, 10.0, 0.0, links(reports), [node()] if nodes is None else nodes, traffic)
+    frames = {"agent": EVERYTHING} if traffic is None else traffic
+    agents = [agent_traffic(own, links(reports), frames[own.link]) for own in ([node()] if nodes is None else nodes)]
+    return graph_section(load_profile(name).runnable(), agents, [RECORDED])
 
 
 def test_a_whole_run_measures_what_it_claims() -> None:
@@ -143,50 +152,51 @@ BRIDGE_WORDS = dialect.MAVLINK_MSG_ID_STATUSTEXT
 SAID_BY_THE_BRIDGE = {"tx": EVERYTHING["tx"], "rx": {ACTUATORS: 1, BRIDGE_WORDS: 2}}
 
 
-def bridged(heard: bool = True, **counts: int) -> AutopilotReport:
-    milestones = Milestones(heartbeat_s=1.0 if heard else None)
-    return AutopilotReport("ardupilot", milestones=milestones, bridge=BridgeCounts(**counts))
-
-
 def behind(
-    name: str, report: AutopilotReport, traffic: Any = EVERYTHING, overrides: tuple[str, ...] = (), **values: Any
+    name: str,
+    counts: BridgeCounts,
+    traffic: Any = EVERYTHING,
+    overrides: tuple[str, ...] = (),
+    heard: bool = True,
+    **values: Any,
 ) -> dict[str, Any]:
     profile = load_profile(name, list(overrides)).runnable()
-    return graph_section(profile, 10.0, 0.0, links(), [node(**values)], {"agent": traffic}, report)
+    bridge = agent_traffic(node(**values), links(), traffic)
+    return graph_section(profile, [traffic_behind(profile, heard, counts, bridge)], [RECORDED])
 
 
 def test_an_autopilot_that_was_never_heard_is_not_there_though_its_bridge_is() -> None:
-    report = bridged(heard=False, imu_out=1000)
-    found = behind("sitl-ardupilot", report, SAID_BY_THE_BRIDGE, estimates=0, efforts=0)
+    counts = BridgeCounts(imu_out=1000)
+    found = behind("sitl-ardupilot", counts, SAID_BY_THE_BRIDGE, heard=False, estimates=0, efforts=0)
     assert found["measured"]["links"] == ["PS1-M"]
     assert [node["name"] for node in found["measured"]["nodes"]] == ["PS1", "M"]
 
 
 def test_what_did_not_get_past_the_bridge_reached_no_sensing_and_no_motor() -> None:
-    found = behind("sitl-ardupilot", bridged(imu_out=0), efforts=0)
+    found = behind("sitl-ardupilot", BridgeCounts(imu_out=0), efforts=0)
     assert found["missing"] == ["PS1-LS", "PS1-LA", "LC-LA", "LA-M"]
-    assert behind("sitl-ardupilot", bridged(solution_out=9))["missing"] == []
+    assert behind("sitl-ardupilot", BridgeCounts(solution_out=9))["missing"] == []
 
 
 def test_hil_messages_count_when_the_script_has_got_them() -> None:
     name = "hitl-ardupilot-usb-loopback"
-    assert behind(name, bridged(imu_out=9))["missing"] == ["PS1-LS"]
-    assert behind(name, bridged(imu_out=9, script_in=8))["missing"] == []
+    assert behind(name, BridgeCounts(imu_out=9))["missing"] == ["PS1-LS"]
+    assert behind(name, BridgeCounts(imu_out=9, script_in=8))["missing"] == []
 
 
 def test_an_autopilot_at_the_end_of_a_cable_is_a_board_whatever_runs_the_bridge() -> None:
     name = "hitl-ardupilot-ahrs"
-    found = behind(name, bridged(imu_out=9))
+    found = behind(name, BridgeCounts(imu_out=9))
     assert found["measured"]["wdri"] == found["claimed"]["wdri"]
     kinds = {node["name"]: (node["kind"], node["runs_on"]) for node in found["measured"]["nodes"]}
     assert kinds["LS"] == kinds["LC"] == kinds["LA"] == ("real", "board at /dev/ttyACM0")
 
 
 def test_an_autopilot_on_this_machine_is_no_board() -> None:
-    started = behind("sitl-ardupilot", bridged(imu_out=9))
+    started = behind("sitl-ardupilot", BridgeCounts(imu_out=9))
     by_terminal = behind(
         "hitl-ardupilot-ahrs",
-        bridged(imu_out=9),
+        BridgeCounts(imu_out=9),
         overrides=("autopilot.bridge.mavlink=serial:///dev/pts/7?baud=115200",),
     )
     for found in (started, by_terminal):
@@ -194,7 +204,7 @@ def test_an_autopilot_on_this_machine_is_no_board() -> None:
 
 
 def test_a_standby_counts_its_own_link() -> None:
-    both = {"agent": {}, "standby": EVERYTHING}
+    both = {"agent": {"tx": {}, "rx": {}}, "standby": EVERYTHING}
     nodes = [node(estimates=0, efforts=0), node(link="standby")]
     reports = [*links(), LinkReport("standby sensors", 1, 1, 0), LinkReport("standby actuators", 1, 1, 0)]
     assert section(traffic=both, nodes=nodes, reports=reports)["missing"] == []
@@ -202,23 +212,34 @@ def test_a_standby_counts_its_own_link() -> None:
     assert section(traffic=both, nodes=nodes, reports=reports)["missing"] == ["D-LC", "PS1-LS"]
 
 
-def test_without_an_autopilot_the_driver_reaches_vessel_and_recording() -> None:
-    found = section("mitl", {}, [], [])
-    assert found["measured"]["links"] == ["D-PS1", "D-M", "PS1-M"]
-    assert (found["missing"], found["unclaimed"]) == ([], [])
+def test_without_an_autopilot_the_driver_reaches_vessel_and_recording(tmp_path: Path) -> None:
+    for driver, measured in (("mission", ["D-PS1", "D-M", "PS1-M"]), ("none", ["PS1-M"])):
+        found = short_run(tmp_path / driver, "mitl", [f"driver.kind={driver}"])
+        assert found["measured"]["links"] == measured
+        assert found["missing"] == [link for link in found["claimed"]["links"] if link not in measured]
+        assert found["unclaimed"] == []
 
 
-def test_a_person_at_a_ground_station_has_given_orders_once_the_vessel_is_let_go() -> None:
-    profile = load_profile("ground-station").runnable()
-    traffic: Any = {"agent": {"tx": {IMU: 1}, "rx": {ACTUATORS: 1}}}
-    for moored_s, ordered in ((10.0, False), (4.0, True)):
-        found = graph_section(profile, 10.0, moored_s, links(), [node()], traffic)
-        assert ("D-LC" in found["measured"]["links"]) == ordered
+def short_run(folder: Path, name: str, overrides: Sequence[str]) -> Any:
+    run(load_profile(name, [*overrides, "clock.duration_s=0.5"]), folder, False, NoDisplay, timed=True)
+    return json.loads((folder / "summary.json").read_text())["graph"]
+
+
+def test_a_person_at_a_ground_station_has_given_orders_once_the_vessel_was_armed() -> None:
+    view = SimpleNamespace(armed=False, mode="MANUAL", reached_seqs=set(), target_seq=None)
+    download = SimpleNamespace(poll=lambda sim_ns: [], done=False)
+    commands = SimpleNamespace(view=view, download=lambda: download, send_all=lambda messages: None)
+    driver = GroundStationDriver(cast(Any, commands), cast(Any, None), (), stay=True)
+    driver.update(0)
+    assert driver.report() == {}
+    view.armed = True
+    driver.update(1)
+    assert driver.report() == {"edges": [("D", "LC")]}
 
 
 def test_a_run_that_failed_before_it_began_has_no_measured_index() -> None:
     profile = load_profile("sitl").runnable()
-    found = graph_section(profile, 0.0, 0.0, [], [], {})
+    found = graph_section(profile, [], [])
     assert found["measured"]["wdri"] is None
     assert found["missing"] == found["claimed"]["links"]
     json.dumps(found, allow_nan=False)
@@ -290,7 +311,7 @@ def test_run_directories_that_cannot_be_shown(tmp_path: Path, golden: Golden) ->
     (folder / "summary.json").write_text("{")
     with pytest.raises(UserError, match=r"summary.json: cannot be read"):
         wdri(str(folder))
-    with pytest.raises(UserError, match="is a run that is over, --set changes nothing in it"):
+    with pytest.raises(UserError, match="is a finished run, which --set cannot change"):
         wdri(str(folder), overrides=["a=b"])
     found = section(traffic={}, nodes=[])
     found["measured"] = {**found["measured"], "nodes": [], "links": []}

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection
 
-from xitl_cli.logs.analyses import catalogue
+from xitl_cli.log_analyses import OWN, log_analyses
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Section, Severity
 
 
-def sound_sections(log: Log, names: Iterable[str] = catalogue.NAMES) -> list[Section]:
+def sound_sections(log: Log, names: Collection[str] = OWN) -> list[Section]:
     """Of these analyses, each looked at."""
-    found = [section for name in names if (section := catalogue.load_analysis(name)(log)) is not None]
+    found = [section for analysis in log_analyses(names) if (section := analysis.section(log)) is not None]
     for section in found:
         _assert_sound(section)
     return found

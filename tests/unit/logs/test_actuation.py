@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs.analyses.actuation import battery_sags, gnss_drifts
 from xitl_cli.logs.signals.receivers import GnssReceiver
+from xitl_cli.plugins.logs.analyses.actuation import battery_sags, gnss_drifts
 
 S = 1_000_000_000
 

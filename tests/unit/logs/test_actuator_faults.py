@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tests.recorded_run import recorded_run
-from xitl_cli.logs.analyses.actuation import analyse
-from xitl_cli.logs.analyses.actuator_faults import RATE_HZ, VesselMotion, actuator_faults, unanswered_turns
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.sections import Finding
+from xitl_cli.plugins.logs.analyses.actuation import analyse
+from xitl_cli.plugins.logs.analyses.actuator_faults import RATE_HZ, VesselMotion, actuator_faults, unanswered_turns
 
 S = 1_000_000_000
 END_S, FROM_S, UNTIL_S = 160.0, 60.0, 95.0

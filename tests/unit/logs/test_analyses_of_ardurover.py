@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.recorded import LOGS, MISSION_TLOG
+from xitl_cli.log_analyses import log_analyses
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
 from xitl_cli.logs.model.sections import Section, Severity
@@ -22,8 +22,7 @@ def sections() -> dict[str, dict[str, Section]]:
     found: dict[str, dict[str, Section]] = {}
     for name in SENTENCES:
         with DataFlashLog(path_of(name)) as log:
-            analyses = {each: importlib.import_module(f"xitl_cli.logs.analyses.{each}").analyse for each in ANALYSES}
-            found[name] = {each: analyse(log) for each, analyse in analyses.items()}
+            found[name] = {analysis.name: analysis.analyse(log) for analysis in log_analyses(ANALYSES)}
     return found
 
 
@@ -114,7 +113,7 @@ def test_the_estimator_of_a_simulated_boat_against_its_truth(sections: dict[str,
 
 def test_telemetry_of_the_same_mission() -> None:
     with TelemetryLog(MISSION_TLOG) as log:
-        found = {each: importlib.import_module(f"xitl_cli.logs.analyses.{each}").analyse(log) for each in ANALYSES}
+        found = {analysis.name: analysis.analyse(log) for analysis in log_analyses(ANALYSES)}
     assert facts(found["vehicle"])["vehicle"] == "rover"
     assert facts(found["vehicle"])["vehicle_type"] == "surface boat"
     assert [row[3] for row in found["modes"].grids[0].rows] == ["MANUAL", "AUTO"]

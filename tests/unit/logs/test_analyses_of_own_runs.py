@@ -37,7 +37,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def section(path: Path, name: str) -> Section:
     with open_log(path) as log:
-        found: Section | None = importlib.import_module(f"xitl_cli.logs.analyses.{name}").analyse(log)
+        found: Section | None = importlib.import_module(f"xitl_cli.plugins.logs.analyses.{name}").analyse(log)
     assert found is not None
     return found
 

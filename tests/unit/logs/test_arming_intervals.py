@@ -2,8 +2,8 @@ from __future__ import annotations
 
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.arming import analyse, arm_refusals
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.plugins.logs.analyses.arming import analyse, arm_refusals
 
 S = 1_000_000_000
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from tests.golden import Golden
 from tests.recorded import CALM, EXTERNAL_AHRS, GUST, LINUX
-from xitl_cli.logs.analyses import attitude
 from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Finding, Severity
+from xitl_cli.plugins.logs.analyses import attitude
 
 S = 1_000_000_000
 Array = NDArray[np.float64]

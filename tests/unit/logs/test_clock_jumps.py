@@ -3,8 +3,8 @@
 import numpy as np
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses import gnss, sensors
 from xitl_cli.logs.model.sections import Finding, Section, Severity
+from xitl_cli.plugins.logs.analyses import gnss, sensors
 
 S = 1_000_000_000
 RNG = np.random.default_rng(7)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +10,15 @@ import pytest
 from made_log import MadeLog, MadeTable
 from made_vessel import vessel
 
-from xitl_cli.logs.compare import comparison
-from xitl_cli.logs.compare.comparison import channel_section, compare
+from xitl_cli.logs.compare.comparison import channel_section, compare, overlay
 from xitl_cli.logs.compare.pairing import event_section, pair_logs
 from xitl_cli.logs.compare.trajectories import off_path_m, thinned_path
-from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.analysis import LogAnalysis
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 
 
-def analysis(sections: Mapping[str, Section | None]) -> Callable[[str], Callable[[Log], Section | None]]:
-    return lambda _: lambda log: sections[log.path.name]
+def scheduler(sections: Mapping[str, Section | None]) -> LogAnalysis:
+    return LogAnalysis("scheduler", lambda log: sections[log.path.name])
 
 
 def loops(longest: float | None, board: str, further: tuple[Fact, ...] = ()) -> Section:
@@ -33,7 +32,7 @@ def loops(longest: float | None, board: str, further: tuple[Fact, ...] = ()) -> 
     )
 
 
-def test_facts_and_plots_of_both_stand_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_facts_and_plots_of_both_stand_side_by_side() -> None:
     a, b = vessel("a"), vessel("b")
     sections = {
         "a.bin": loops(20.0, "black"),
@@ -41,8 +40,7 @@ def test_facts_and_plots_of_both_stand_side_by_side(monkeypatch: pytest.MonkeyPa
     }
     missed = Plot("misses", "Misses", "ms", (Trace("misses", np.array([0]), np.array([4.0]), "points"),))
     sections["b.bin"] = replace(sections["b.bin"], plots=(*sections["b.bin"].plots, missed))
-    monkeypatch.setattr(comparison, "load_analysis", analysis(sections))
-    found = comparison.overlay("scheduler", a, b, pair_logs(a, b, shift_s=2.0))
+    found = overlay(scheduler(sections), a, b, pair_logs(a, b, shift_s=2.0))
     assert found is not None
     assert {grid.key: grid.rows for grid in found.grids} == {
         "scheduler.both": (("Longest", "us", 20.0, 25.5, 5.5),),
@@ -57,14 +55,12 @@ def test_facts_and_plots_of_both_stand_side_by_side(monkeypatch: pytest.MonkeyPa
     assert found.lacks == ("A: no Load.", "B: no Load.")
 
 
-def test_what_can_be_judged_of_one_alone_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_can_be_judged_of_one_alone_is_said() -> None:
     a, b = vessel("a"), vessel("b")
-    monkeypatch.setattr(comparison, "load_analysis", analysis({"a.bin": None, "b.bin": loops(1.0, "blue")}))
-    found = comparison.overlay("scheduler", a, b, pair_logs(a, b, shift_s=0.0))
+    found = overlay(scheduler({"a.bin": None, "b.bin": loops(1.0, "blue")}), a, b, pair_logs(a, b, shift_s=0.0))
     assert found is not None
     assert found.lacks == ("Scheduler can be judged of B alone.",)
-    monkeypatch.setattr(comparison, "load_analysis", analysis({"a.bin": None, "b.bin": None}))
-    assert comparison.overlay("scheduler", a, b, pair_logs(a, b, shift_s=0.0)) is None
+    assert overlay(scheduler({"a.bin": None, "b.bin": None}), a, b, pair_logs(a, b, shift_s=0.0)) is None
 
 
 def rc_out(**channels: list[float]) -> MadeTable:

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from tests.golden import Golden
 from tests.recorded import CALM, EXTERNAL_AHRS, GUST, LINUX
-from xitl_cli.logs.analyses import control
 from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.model.sections import Finding, Section, Severity
+from xitl_cli.plugins.logs.analyses import control
 
 S = 1_000_000_000
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ from made_log import MadeLog, MadeTable
 from numpy.typing import NDArray
 
 from tests.recorded import EXTERNAL_AHRS
-from xitl_cli.logs.analyses import control
-from xitl_cli.logs.analyses.control import response_delay_s, step_responses
 from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.model.sections import Section
+from xitl_cli.plugins.logs.analyses import control
+from xitl_cli.plugins.logs.analyses.control import response_delay_s, step_responses
 
 S = 1_000_000_000
 T_S = np.round(np.arange(0.0, 120.0, 0.05), 3)

@@ -4,8 +4,8 @@ import numpy as np
 from made_log import MadeLog, MadeTable
 
 import xitl_cli.logs.signals as signals
-from xitl_cli.logs.analyses import estimator
 from xitl_cli.logs.model.sections import Finding, Severity
+from xitl_cli.plugins.logs.analyses import estimator
 
 S = 1_000_000_000
 TIMES_S = np.arange(0, 60, 0.1)

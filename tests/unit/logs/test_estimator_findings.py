@@ -7,9 +7,9 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from tests.golden import Golden
-from xitl_cli.logs.analyses.estimator import analyse
-from xitl_cli.logs.analyses.estimator_cores import estimator_cores
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.plugins.logs.analyses.estimator import analyse
+from xitl_cli.plugins.logs.analyses.estimator_cores import estimator_cores
 
 S = 1_000_000_000
 AT = np.arange(0, 100 * S, S // 10)

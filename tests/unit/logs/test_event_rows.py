@@ -4,8 +4,8 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from tests.golden import Golden
-from xitl_cli.logs.analyses.events import analyse
 from xitl_cli.logs.model.sections import Finding, Section, Severity
+from xitl_cli.plugins.logs.analyses.events import analyse
 
 S = 1_000_000_000
 ROVER = MadeTable("VER", [0], {"BU": [1], "FWS": ["ArduRover V4.5.0 (0123abcd)"]})

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from tests.recorded_run import recorded_run
-from xitl_cli.logs.analyses import gnss, power, radio, sensors, vibration
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.sections import Finding
+from xitl_cli.plugins.logs.analyses import gnss, power, radio, sensors, vibration
 
 S = 1e9
 FAULTS = """\

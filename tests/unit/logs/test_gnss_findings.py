@@ -9,8 +9,8 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs.analyses.gnss import analyse
 from xitl_cli.logs.model.sections import Finding, Section, Severity
+from xitl_cli.plugins.logs.analyses.gnss import analyse
 
 S = 1_000_000_000
 STEP_NS = S // 5

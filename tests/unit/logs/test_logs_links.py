@@ -13,10 +13,10 @@ from made_log import MadeLog, MadeTable
 
 from tests.recorded_run import recorded_faults, recorded_run
 from xitl_cli.logs import open_log
-from xitl_cli.logs.analyses import faults, links, scheduler, time_bases
-from xitl_cli.logs.analyses.links import frames_due, missing_frames
 from xitl_cli.logs.clocks.alignment import align_logs
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.plugins.logs.analyses import faults, links, scheduler, time_bases
+from xitl_cli.plugins.logs.analyses.links import frames_due, missing_frames
 
 SECOND = 1_000_000_000
 

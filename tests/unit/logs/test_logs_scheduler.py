@@ -7,9 +7,9 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from tests.recorded import LINUX
-from xitl_cli.logs.analyses.scheduler import analyse
 from xitl_cli.logs.model.sections import Severity
 from xitl_cli.logs.signals.deadlines import loop_windows, simulated_clock_reason
+from xitl_cli.plugins.logs.analyses.scheduler import analyse
 
 SECOND = 1_000_000_000
 STAMPS = np.arange(1, 7) * 10 * SECOND

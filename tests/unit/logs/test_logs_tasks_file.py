@@ -12,9 +12,9 @@ from made_log import MadeLog, MadeTable
 
 from agent.wire import dialect
 from xitl_cli.errors import UserError
-from xitl_cli.logs.analyses.tasks import analyse
 from xitl_cli.logs.model.system_files import TaskTime, parse_tasks, tasks_counted
 from xitl_cli.params.vehicle import VehicleFiles
+from xitl_cli.plugins.logs.analyses.tasks import analyse
 from xitl_cli.plugins.logs.command import read_tasks
 
 CAPTURED = Path(__file__).parents[2] / "data/captures/linux-tasks.txt"

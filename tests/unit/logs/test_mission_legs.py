@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.missions import analyse, mission_versions
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.plugins.logs.analyses.missions import analyse, mission_versions
 
 S = 1_000_000_000
 METRE_DEG = 1.0 / 110_574.3  # of latitude at the equator on WGS 84 (6 378 137 m, 1/298.257: M(0) = 6 335 439 m)

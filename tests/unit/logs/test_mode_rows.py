@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.modes import analyse, mode_spans
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.plugins.logs.analyses.modes import analyse, mode_spans
 
 S = 1_000_000_000
 ROVER = MadeTable("VER", [0], {"BU": [1], "FWS": ["ArduRover V4.5.0 (0123abcd)"]})

@@ -13,10 +13,10 @@ import pytest
 from dataflash_records import ITSELF, described, record
 
 import xitl_cli.logs.signals as signals
-from xitl_cli.logs.analyses import estimator, power, radio
-from xitl_cli.logs.analyses.power import batteries
 from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.model.log import Log
+from xitl_cli.plugins.logs.analyses import estimator, power, radio
+from xitl_cli.plugins.logs.analyses.power import batteries
 
 ROWS = 200
 STEP_MS = 100

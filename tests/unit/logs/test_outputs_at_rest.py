@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses import radio
 from xitl_cli.logs.model.sections import Finding, Severity
+from xitl_cli.plugins.logs.analyses import radio
 
 S = 1_000_000_000
 STAMPS = np.arange(600) * S // 10

@@ -8,9 +8,9 @@ from made_log import MadeLog, MadeTable
 
 from tests.golden import Golden
 from tests.recorded_run import recorded_run
-from xitl_cli.logs.analyses.parameters import analyse
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.plugins.logs.analyses.parameters import analyse
 
 S = 1_000_000_000
 ARMED = MadeTable("ARM", [10 * S, 50 * S], {"ArmState": [1, 0]})

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.power import analyse
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.plugins.logs.analyses.power import analyse
 
 S = 1_000_000_000
 ROWS = 1200

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ulog_writer as w
+from sound_sections import sound_sections
 
 from xitl_cli.logs import open_log, signals
-from xitl_cli.logs.analyses.catalogue import sections
 from xitl_cli.logs.clocks.readings import utc_offset
 from xitl_cli.logs.formats.run_directory import logs_in, own_log_in
 from xitl_cli.logs.model.log import Log
@@ -81,7 +81,7 @@ def test_the_directory_of_a_run_stands_for_its_log_too(tmp_path: Path) -> None:
 
 
 def findings(log: Log) -> dict[str, Finding]:
-    return {found.key: found for section in sections(log) for found in section.findings}
+    return {found.key: found for section in sound_sections(log) for found in section.findings}
 
 
 def test_signals(tmp_path: Path) -> None:
@@ -106,14 +106,14 @@ def test_signals(tmp_path: Path) -> None:
         utc = utc_offset(log)
         assert utc is not None
         assert utc.offset_ns == UTC_US * 1000
-        facts = {fact.key: fact.value for section in sections(log) for fact in section.facts}
+        facts = {fact.key: fact.value for section in sound_sections(log) for fact in section.facts}
         assert (facts["firmware"], facts["firmware_version"], facts["board"]) == ("PX4", "1.16.0", "PX4_FMU_V6X")
 
 
 def test_a_sound_log_has_no_trouble(tmp_path: Path) -> None:
     with open_log(made(tmp_path, trouble=False)) as log:
         assert not {key for key in findings(log) if key.startswith("px4.")}
-        assert not any("LOG_BITMASK" in lack for section in sections(log) for lack in section.lacks)
+        assert not any("LOG_BITMASK" in lack for section in sound_sections(log) for lack in section.lacks)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_a_reset_is_judged_by_its_size(tmp_path: Path, change_rad: float, severi
 def test_a_share_over_one_is_no_measurement(tmp_path: Path) -> None:
     rows = [(at, 0, (0.4, 970.0 if at == 5_000 else 0.3)) for at in range(0, 20_000, 500)]
     with open_log(made_of(tmp_path, {"cpuload": ("float load;float ram_usage;", "2f", rows)})) as log:
-        facts = {fact.key: fact.value for section in sections(log) for fact in section.facts}
+        facts = {fact.key: fact.value for section in sound_sections(log) for fact in section.facts}
         assert "px4.load" not in findings(log)
     assert facts["ram_usage_highest_percent"] == 30.0
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.radio import analyse
 from xitl_cli.logs.model.codes import servo_function_name
 from xitl_cli.logs.model.sections import Section, Severity
 from xitl_cli.logs.signals import output_names
+from xitl_cli.plugins.logs.analyses.radio import analyse
 
 S = 1_000_000_000
 ROWS = 1000

@@ -10,9 +10,9 @@ import pytest
 import xitl
 from tests.golden import Golden
 from tests.patience import let_pass
-from xitl_cli.logs.analyses.real_time import analyse
 from xitl_cli.logs.model.sections import Severity
 from xitl_cli.logs.signals.real_time import LIMITS, LinkLosses, RealTimeFigures, TaskMissCount, not_real_time
+from xitl_cli.plugins.logs.analyses.real_time import analyse
 from xitl_cli.run.nodes.direct_control import IdealControl
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_log import MadeTable
 
-from xitl_cli.logs.analyses.sensor_departures import field_error, field_steps, gyro_steps, pressure_steps
 from xitl_cli.logs.signals.sensors import InertialUnit, SampleTimes, SensorKind, SensorSeries
 from xitl_cli.logs.signals.series import Series
+from xitl_cli.plugins.logs.analyses.sensor_departures import field_error, field_steps, gyro_steps, pressure_steps
 
 S = 1_000_000_000
 END_S = 120.0

@@ -11,8 +11,8 @@ from made_log import MadeLog, MadeTable
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.imu import Imu
 from sim_core.sensors.spec import ImuSpec
-from xitl_cli.logs.analyses.sensors import analyse
 from xitl_cli.logs.model.sections import Finding, Section, Severity
+from xitl_cli.plugins.logs.analyses.sensors import analyse
 
 S = 1_000_000_000
 RATE_HZ = 50

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.vehicle import analyse
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.plugins.logs.analyses.vehicle import analyse
 
 S = 1_000_000_000
 

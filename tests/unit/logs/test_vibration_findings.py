@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.vibration import analyse, read_batches, welch_spectrum
 from xitl_cli.logs.model.sections import Severity
+from xitl_cli.plugins.logs.analyses.vibration import analyse, read_batches, welch_spectrum
 
 S = 1_000_000_000
 ROWS = 600

@@ -318,9 +318,12 @@ BARGE = "traffic: {track_ned_m: [[0, -120], [300, -120]], speed_mps: 2, length_m
         ("  barge: {traffic: {track_ned_m: [[0, 0], [9, 0]], length_m: 6, beam_m: 2}}", "needs 'speed_mps'"),
         (
             "  barge: {traffic: {track_ned_m: [[0, 0], [0, 0]], speed_mps: 1, length_m: 6, beam_m: 2}}",
-            "is where the one",
+            "repeats the point before it",
         ),
-        ("  barge: {traffic: {track_ned_m: [[0, 0]], speed_mps: 1, length_m: 6, beam_m: 2}}", "moves along a track"),
+        (
+            "  barge: {traffic: {track_ned_m: [[0, 0]], speed_mps: 1, length_m: 6, beam_m: 2}}",
+            "needs a track of several points",
+        ),
         (
             "  one: {ais: {callsign: TOOLONGX}}",
             "vessels.one.ais.callsign = 'TOOLONGX' is too long for AIS",

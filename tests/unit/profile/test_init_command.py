@@ -87,11 +87,15 @@ def test_what_is_there_is_left_alone() -> None:
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("sitl", "comes with xitl"), ("calm", "comes with xitl"), *((name, "no name") for name in ("a b", "", "-x", "é"))],
+    [
+        ("sitl", "comes with xitl"),
+        ("calm", "comes with xitl"),
+        *((name, "no valid name") for name in ("a b", "", "-x", "é")),
+    ],
 )
 def test_names_that_would_not_be_found_again_are_refused(name: str, why: str) -> None:
     with pytest.raises(UserError, match=why):
         init(Path(name))
-    with pytest.raises(UserError, match="no name"):
+    with pytest.raises(UserError, match="no valid name"):
         init(Path("a" * 65))
     assert list(Path().iterdir()) == []

@@ -87,7 +87,11 @@ def test_an_override_sets_a_key_of_a_tide(write: Write) -> None:
     ("text", "line", "sentence"),
     [
         (tidal(f"{{constituents: [{M2}]}}", start=""), 5, "environment.water.tide needs environment.start_utc; add it"),
-        (tidal(f"{{constituents: [{M2}]}}", start="yesterday"), 4, "environment.start_utc = 'yesterday' is no instant"),
+        (
+            tidal(f"{{constituents: [{M2}]}}", start="yesterday"),
+            4,
+            "environment.start_utc = 'yesterday' is not a date and time",
+        ),
         (
             tidal("{constituents: [{name: m2, amplitude_m: 1, phase_deg: 0}]}"),
             6,
@@ -96,14 +100,18 @@ def test_an_override_sets_a_key_of_a_tide(write: Write) -> None:
         (
             tidal("{constituents: [{name: M2, amplitude_m: 1, phase_deg: 0, speed_degph: 29}]}"),
             6,
-            "constituents.0.speed_degph = 29 is given for M2, whose speed is known; leave it out",
+            "constituents.0.speed_degph = 29 is redundant, because the speed of M2 is known; leave it out",
         ),
         (tidal("{constituents: [{name: M2, phase_deg: 0}]}"), 6, "needs 'amplitude_m'; add it in m"),
         (tidal("{}"), 6, "environment.water.tide is empty; give either constituents, or a table or file"),
         (tidal("{table: [[0, 1], [0, 2]]}"), 6, "environment.water.tide.table.1.0 = 0 is not after 0; sort the rows"),
         (tidal("{table: [[0, 1], [3600, .nan]]}"), 6, "environment.water.tide.table.1.1 = nan is not finite"),
         (tidal("{table: [[0, 1], [3600]]}"), 6, "environment.water.tide.table.1 = a list of 1 is too short"),
-        (tidal("{table: [[0, 1], [.inf, 2]]}"), 6, "table.1.0 = inf is no time; write seconds since the start, or UTC"),
+        (
+            tidal("{table: [[0, 1], [.inf, 2]]}"),
+            6,
+            "table.1.0 = inf is not a time; write seconds since the start, or UTC",
+        ),
         (tidal("{table: [[0, 1], [1800, 2]]}"), 6, "table ends at 1800 s, but the run needs it to 3600 s; add rows"),
         (tidal("{table: [[60, 1], [3600, 2]]}"), 6, "table begins at 60 s, but the run needs it from 0 s; add rows"),
         (tidal("{file: none.csv}"), 6, "none.csv cannot be read: no such file or directory; check the path"),
@@ -143,7 +151,7 @@ def test_errors_name_the_line_the_key_and_the_fix(write: Write, text: str, line:
         ),
         ("0,1\n\n7200,2\n3600,1\n", 4, "environment.water.tide.table.2.0 = 3600 is not after 7200; sort the rows"),
         ("0,1\n3600,nan\n", 2, "environment.water.tide.table.1.1 = nan is not finite"),
-        ("0,1\nnoon,2\n", 2, "environment.water.tide.table.1.0 = 'noon' is no instant"),
+        ("0,1\nnoon,2\n", 2, "environment.water.tide.table.1.0 = 'noon' is not a date and time"),
         ("time,height\n", None, "has no rows; write a time and a height in each row"),
     ],
 )

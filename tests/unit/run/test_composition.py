@@ -78,6 +78,13 @@ def test_a_node_and_its_parts_are_closed() -> None:
     assert parts.need(Radar).antenna.closed
 
 
+def test_the_edges_of_the_graph_are_those_of_the_parts_that_were_made() -> None:
+    buoy = Part("buoy", Boat, provides=(Chart,), edges=(("PS1", "M"),))
+    absent = Part("absent", Boat, provides=(Radar,), when=lambda setup: False, edges=(("D", "M"),))
+    nothing = Part("nothing", lambda: None, edges=(("D", "PS1"),))
+    assert made(boat, buoy, absent, nothing).edges == (("PS1", "M"),)
+
+
 def test_an_optional_need_may_be_absent() -> None:
     assert made(chart).need(Chart).radar is None
 

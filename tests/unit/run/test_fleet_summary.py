@@ -127,7 +127,7 @@ def test_a_row_a_vessel_at_80_columns_of_a_long_fleet_the_worst(
         assert [line.split()[0] for line in rows] == [f"boat_{number}" for number in range(1, count + 1)]
     else:
         assert [line.split()[0] for line in rows] == [f"boat_{number}" for number in range(32, 16, -1)]
-        golden("line", line_with(lines, "and 16 more, of which 16 completed"))
+        golden("line", line_with(lines, "and 16 more, 16 of them completed"))
         assert sum(line.startswith("boat_") and "AUTO" in line for line in shown(pair, tmp_path, 32, True)) == 32
     assert any("10 lost of sensors" in line for line in lines)
 

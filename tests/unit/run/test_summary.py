@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
 
+from agent.wire import dialect
 from tests.golden import Golden
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
@@ -22,7 +24,7 @@ from xitl_cli.run.core.reports import (
     NodeReport,
 )
 from xitl_cli.run.core.statistics import Histogram
-from xitl_cli.run.nodes.bridge import AutopilotReport
+from xitl_cli.run.links.link_accounts import agent_traffic
 from xitl_cli.run.scores.mission import MissionScore
 from xitl_cli.run.session import Result
 from xitl_cli.run.summary import RunOutcome, Sections, VesselOutcome, merged, summary_of
@@ -48,9 +50,12 @@ def outcome() -> RunOutcome:
     )
 
 
-def sections(**values: Any) -> Sections:
+def sections(nodes: Sequence[NodeReport] = (), **values: Any) -> Sections:
     mission = MissionScore(load_profile("hitl-beaglebone").runnable().mission.waypoints_ned_m)
-    return merged([{"mission": mission.section(), "pace": PaceReport()}, values])
+    frames = {"tx": {dialect.MAVLINK_MSG_ID_XITL_IMU: 9}, "rx": {dialect.MAVLINK_MSG_ID_XITL_ACTUATORS: 9}}
+    agents = [agent_traffic(node, [], frames) for node in nodes]
+    of_nodes = {"nodes": nodes, "agents": agents, "edges": [("PS1", "M")]}
+    return merged([{"mission": mission.section(), "pace": PaceReport()}, of_nodes, values])
 
 
 def summarised(profile: str, made: Sections) -> dict[str, Any]:
@@ -99,7 +104,6 @@ def eventful() -> Sections:
             FaultReport("gnss-dropout", "gnss", None, None),
         ],
         pace=PaceReport(2, 3.4, 2, 3.6, 2.5),
-        traffic={"agent": {"tx": {54002: 9}, "rx": {54006: 9}}},
     )
 
 
@@ -138,13 +142,6 @@ def test_the_summary_is_plain_json_with_everything_in_it() -> None:
     assert summary["nodes"][0]["kind"] == "real"
 
 
-def test_the_graph_is_that_of_the_autopilot_behind_the_bridge() -> None:
-    nodes = [NodeReport("LS,LC,LA", "board", "1", None, 0, kind="real")]
-    made = sections(nodes=nodes, autopilot=AutopilotReport("ardupilot"))
-    unheard = summarised("hitl-ardupilot-linux", made)["graph"]["measured"]
-    assert [node["name"] for node in unheard["nodes"]] == ["PS1", "M"]
-
-
 def test_quantiles_of_bins_never_exceed_the_maximum() -> None:
     last = (0,) * 15 + (4,)
     one = (4,) + (0,) * 15
@@ -165,9 +162,9 @@ def test_the_report_leads_with_the_verdict_and_a_line_for_each_part(tmp_path: Pa
     for expected in (
         "takeover standby for agent at 31.20 s, which was silent for 0.31 s; largest step 0.050",
         "timing deadlines missed: control 2 of 1001; clock of LC +79.98 ppm (standard error 0.31)",
-        "links 152000 frames, 12 lost of sensors, unknown how many lost of standby sensors, 3 dropped of actuators",
-        "faults in force on purpose: link-cut, drifting-clock",
-        "claimed, but nothing was carried: D-LC, LS-M, LC-M",
+        "links 152000 frames, 12 lost of sensors, unknown number lost of standby sensors, 3 dropped of actuators",
+        "faults injected: link-cut, drifting-clock",
+        "claimed links without data: D-LC, LS-M, LC-M",
     ):
         assert expected in words
     assert "missed  late" not in words  # tables are for --verbose
@@ -177,13 +174,13 @@ def test_the_report_leads_with_the_verdict_and_a_line_for_each_part(tmp_path: Pa
 def test_the_timing_of_an_emulated_board_is_told_as_such(tmp_path: Path, machine: str, told: bool) -> None:
     tasks = [TaskTiming("LC", "control", 50.0, 4, 0, start_histogram=(0,) * 16)]
     made = sections(tasks=tasks, nodes=[NodeReport("LS,LC,LA", machine, "1", None, 0)])
-    assert ("an emulated board's timing is its emulator's" in " ".join(shown(tmp_path, made).split())) is told
+    assert ("timing of an emulated board is that of its emulator" in " ".join(shown(tmp_path, made).split())) is told
 
 
 @pytest.mark.parametrize(("kind", "told"), [("virtual", True), ("real", False)])
 def test_nodes_claimed_real_that_were_virtual_are_told(tmp_path: Path, kind: str, told: bool) -> None:
     made = sections(nodes=[NodeReport("LS,LC,LA", "emulated armv7l board", "1", None, 0, kind=kind)])
-    assert ("claimed real, but virtual: LS, LC, LA" in " ".join(shown(tmp_path, made).split())) is told
+    assert ("nodes claimed real, but virtual: LS, LC, LA" in " ".join(shown(tmp_path, made).split())) is told
 
 
 @pytest.mark.parametrize("width", [80, 40, 24])
@@ -218,7 +215,7 @@ def test_an_uneventful_run_is_said_in_few_lines(tmp_path: Path) -> None:
     text = shown(tmp_path, sections())
     assert "fault" not in text
     assert "takeover" not in text
-    assert "stood still" not in text
+    assert "suspended" not in text
     assert len(text.splitlines()) < 8
 
 

@@ -274,8 +274,8 @@ def test_a_vessel_that_is_held_stays_while_its_sisters_go_on() -> None:
     ("models", "names", "problem"),
     [
         ([], (), "no vessels"),
-        ([FULL, FULL], ("a", "a"), "a name of its own"),
-        ([FULL], ("a", "b"), "a name of its own"),
+        ([FULL, FULL], ("a", "a"), "a different name"),
+        ([FULL], ("a", "b"), "a different name"),
     ],
 )
 def test_impossible_fleets_are_refused(models: list[VesselSpec], names: tuple[str, ...], problem: str) -> None:

@@ -90,7 +90,7 @@ def test_noise_is_that_of_the_configuration() -> None:
     [
         ("rate_hz", 0.0, "RangefinderSpec.rate_hz = 0.0"),
         ("noise_m", -1.0, "RangefinderSpec.noise_m = -1.0"),
-        ("direction_frd", (0.0, 0.0, 0.0), "looks nowhere"),
+        ("direction_frd", (0.0, 0.0, 0.0), "has no direction"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(field: str, value: object, said: str) -> None:

@@ -12,14 +12,13 @@ from asv import ASV
 from sim_core import fleet as fleets
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water
-from sim_core.fleet import Fleet
+from sim_core.fleet import Fleet, SeenHull
 from sim_core.sensors.rangefinder import ObstacleScanner, Rangefinder
 from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
 from sim_core.vessel.spec import DemiHull, HullSection
 from sim_core.world.debris import BodyKind, Launch, volume_below_m3
 from sim_core.world.plan import OPEN_WATER, convex_hull, inset
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.seen_hull import SeenHull
 from sim_core.world.spec import TrafficSpec
 from sim_core.world.traffic import ScriptedTrack, ScriptedVessel, scripted_motion
 

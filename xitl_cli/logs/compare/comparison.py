@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import xitl_cli.logs.signals as signals
-from xitl_cli.logs.analyses.catalogue import analysis_failure, load_analysis
 from xitl_cli.logs.compare.pairing import (
     Pairing,
     StartEvent,
@@ -25,6 +24,7 @@ from xitl_cli.logs.compare.pairing import (
     zero_ns,
 )
 from xitl_cli.logs.compare.trajectories import Alignment, Trajectory, common_poses, moved_poses, trajectory_section
+from xitl_cli.logs.model.analysis import LogAnalysis, analysis_failure
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
 from xitl_cli.logs.model.table import Floats, Stamps
@@ -266,11 +266,12 @@ def stray_truth_finding(name: str, log: Log) -> Finding | None:
 _Row = tuple[str, str, Value, Value]
 
 
-def overlay(name: str, a: Log, b: Log, pairing: Pairing) -> Section | None:
+def overlay(analysis: LogAnalysis, a: Log, b: Log, pairing: Pairing) -> Section | None:
     """One section from an analysis of both logs; None if the analysis has no result. Facts of one log follow common
     facts."""
+    name = analysis.name
     try:
-        in_a, in_b = load_analysis(name)(a), load_analysis(name)(b)
+        in_a, in_b = analysis.section(a), analysis.section(b)
     except Exception as error:  # noqa: BLE001  the rest of the comparison is worth having
         return Section(name, name, lacks=(analysis_failure(name, error).sentence,))
     if in_a is None or in_b is None:
@@ -341,7 +342,8 @@ def _named(log: str, plot: Plot, pairing: Pairing | None = None) -> tuple[Trace,
     )
 
 
-_OVERLAID = ("scheduler", "time_bases")
+OVERLAID = ("scheduler", "time_bases")
+"""Analyses of which a comparison shows both logs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,11 +379,13 @@ def compare(
     from_s: float | None = None,
     until_s: float | None = None,
     armed: bool = False,
+    analyses: Sequence[LogAnalysis] = (),
 ) -> Comparison:
     """Compare B with A.
 
-    from_s, until_s: limits after the zero. armed: only while both logs were armed. Sections on events, the scheduler
-    and time bases cover the whole logs. Raises LogError if no method aligns the logs, or no data is left.
+    from_s, until_s: limits after the zero. armed: only while both logs were armed. analyses: each adds a section with
+    its facts of both logs, by default none (`OVERLAID` names those of `xitl logs compare`). These sections and the one
+    on events cover the whole logs. Raises LogError if no method aligns the logs, or no data is left.
     """
     laid = pair_logs(a, b, start, shift_s)
     pairing = limited(a, b, laid, from_s, until_s, armed)
@@ -396,7 +400,7 @@ def compare(
         motion_section(a, b, pairing, of_a, of_b),
         channel_section(a, b, pairing),
         event_section(a, b, pairing, zero),
-        *(overlay(name, a, b, pairing) for name in _OVERLAID),
+        *(overlay(analysis, a, b, pairing) for analysis in analyses),
     ]
     return Comparison(
         tuple(section for section in sections if section is not None),

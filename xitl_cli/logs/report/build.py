@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -13,15 +13,12 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs.analyses import catalogue
-from xitl_cli.logs.analyses.catalogue import AddedAnalysis, AnalysisFailure, analysis_failure
-from xitl_cli.logs.analyses.missions import mission_rows
 from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
+from xitl_cli.logs.model.analysis import AnalysisFailure, LogAnalysis, analysis_failure
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Mark, Plot, Section, Trace
 from xitl_cli.logs.model.table import whole_ns
-from xitl_cli.logs.model.text import resolve_name
 from xitl_cli.logs.report.contradictions import without_contradictions
 from xitl_cli.logs.report.file_report import FileReport, RefusedFile
 from xitl_cli.logs.report.model import MapTrack, MapWaypoint, Overview, Report
@@ -29,6 +26,8 @@ from xitl_cli.logs.report.plots import thin
 from xitl_cli.logs.report.signal_data import MOST_BYTES, HeldLog, held_log
 from xitl_cli.logs.report.wording import vehicle_line
 from xitl_cli.logs.signals import Series, StateSpan
+from xitl_cli.logs.signals.missions import mission_rows
+from xitl_cli.logs.summary import vehicle_facts
 
 _MOST_TRACK_POINTS = 3000
 _MOST_WAYPOINTS = 500
@@ -195,44 +194,41 @@ def _waypoints(log: Log, frame: LocalFrame) -> list[MapWaypoint]:
 
 
 OVERVIEW = "overview"
-VEHICLE = "vehicle"  # always analysed, because every report begins with it
-SECTIONS = (OVERVIEW, *catalogue.NAMES)
 
 Progress = Callable[[str], None]
 
 
 def build_report(
     paths: Sequence[Path],
-    only: Collection[str] = (),
+    analyses: Sequence[LogAnalysis],
     told: Progress = lambda _: None,
     vessel: str = "",
     *,
+    overview: bool = True,
     signals_held: bool = False,
-    added: Sequence[AddedAnalysis] = (),
 ) -> Report:
     """Build a report of every file that can be opened; the others become refusals.
 
-    only: names of SECTIONS and of `added`; empty means all. told: callback that gets the current step. vessel: as in
-    `open_all`, for recordings of several vessels. signals_held: whether the report keeps signals for the picker of a
-    page. added: analyses of other packages, after the built-in ones. Raises LogError for a section that does not exist.
+    analyses: in the order of their sections. told: callback that gets the current step. vessel: as in `open_all`, for
+    recordings of several vessels. overview: whether the report begins with the overview. signals_held: whether the
+    report keeps signals for the picker of a page.
     """
-    wanted = sections_named(only, added)
     with ExitStack() as opened:
         logs, refusals = open_all(paths, opened, vessel)
         names = [name + of_vessel(log) for name, log in zip(short_names([log.path for log in logs]), logs, strict=True)]
         laid = [AlignedLog(log, time_line) for log, time_line in zip(logs, time_lines(logs), strict=True)]
-        files = [_file(log, name, wanted, told, added) for log, name in zip(laid, names, strict=True)]
-        overview = Overview()
-        if OVERVIEW in wanted and files:
+        files = [_file(log, name, analyses, told) for log, name in zip(laid, names, strict=True)]
+        first_part = Overview()
+        if overview and files:
             told(OVERVIEW)
-            files, overview = _with_overview(files, laid)
+            files, first_part = _with_overview(files, laid)
         held: tuple[HeldLog, ...] = ()
         if signals_held and files:
             told("signals")
             files, held = _with_signals(files, laid)
         # Damage inside a recording is found when its topics are read.
         files = [replace(file, health=log.health) for file, log in zip(files, laid, strict=True)]
-        return Report(without_contradictions(files), tuple(refusals), overview, held)
+        return Report(without_contradictions(files), tuple(refusals), first_part, held)
 
 
 def open_all(paths: Sequence[Path], opened: ExitStack, vessel: str | None = "") -> tuple[list[Log], list[RefusedFile]]:
@@ -311,44 +307,20 @@ def short_names(paths: Sequence[Path]) -> list[str]:
     return named
 
 
-def sections_named(only: Collection[str], added: Sequence[AddedAnalysis] = ()) -> list[str]:
-    """Names of SECTIONS and `added`; empty means all. Raises LogError for a name that does not exist."""
-    known = (*SECTIONS, *(analysis.name for analysis in added))
-    named = {resolve_name(name, known, "there is no section", f"choose from {', '.join(known)}") for name in only}
-    return [name for name in known if not named or name in named]
-
-
-def _file(
-    log: AlignedLog, name: str, wanted: Collection[str], told: Progress, added: Sequence[AddedAnalysis]
-) -> FileReport:
+def _file(log: AlignedLog, name: str, analyses: Sequence[LogAnalysis], told: Progress) -> FileReport:
     sections: list[Section] = []
     failures: list[AnalysisFailure] = []
+    for analysis in analyses:
+        told(f"{name}: {analysis.name}")
+        try:
+            section = analysis.section(log)
+            if section is not None:
+                sections.append(_thinned(section))
+        except Exception as error:  # noqa: BLE001  the user still gets the other sections, and this as a failure
+            failures.append(analysis_failure(analysis.name, error, analysis.package))
     vehicle = ""
-    for analysis in catalogue.NAMES:
-        if analysis not in wanted and analysis != VEHICLE:
-            continue
-        told(f"{name}: {analysis}")
-        try:
-            found = catalogue.load_analysis(analysis)(log)
-        except Exception as error:  # noqa: BLE001  the user still gets what the others found, and this as a failure
-            failures.append(analysis_failure(analysis, error))
-            continue
-        if found is None:
-            continue
-        if analysis == VEHICLE:
-            vehicle = vehicle_line([found])
-        if analysis in wanted:
-            sections.append(_thinned(found))
-    for other in added:
-        if other.name not in wanted:
-            continue
-        told(f"{name}: {other.name}")
-        try:
-            found = other.analyse(log)
-            if found is not None:
-                sections.append(_thinned(found))
-        except Exception as error:  # noqa: BLE001  as above
-            failures.append(analysis_failure(other.name, error, other.package))
+    with suppress(Exception):  # the analysis of the vehicle names the fault
+        vehicle = vehicle_line(vehicle_facts(log))
     return FileReport(
         name,
         log.path,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from xitl_cli.logs.analyses.catalogue import AnalysisFailure
 from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.analysis import AnalysisFailure
 from xitl_cli.logs.model.log import Base, Format, LogHealth
 from xitl_cli.logs.model.sections import Finding, Section, Severity
 from xitl_cli.logs.report.wording import damage_sentences

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from xitl_cli.logs.analyses.catalogue import AnalysisFailure
+from xitl_cli.logs.model.analysis import AnalysisFailure
 from xitl_cli.logs.model.sections import Mark, Plot, Severity
 from xitl_cli.logs.model.table import Floats
 from xitl_cli.logs.report.file_report import FileFinding, FileReport, FileSection, RefusedFile

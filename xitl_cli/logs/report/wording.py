@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.log import LogHealth
-from xitl_cli.logs.model.sections import Evidence, Grid, Section, Severity, Value
+from xitl_cli.logs.model.sections import Evidence, Fact, Grid, Severity, Value
 from xitl_cli.logs.model.text import clock_text, plural
 
 FORMAT_NAMES = {
@@ -58,9 +58,9 @@ def sentence_text(text: str) -> str:
     return text[:1].upper() + text[1:] if first.isalpha() and first.islower() else text
 
 
-def vehicle_line(sections: Sequence[Section]) -> str:
+def vehicle_line(facts: Sequence[Fact]) -> str:
     """Known vehicle and firmware; "" otherwise."""
-    known = {fact.key: value_text(fact.value) for section in sections for fact in section.facts if fact.value}
+    known = {fact.key: value_text(fact.value) for fact in facts if fact.value}
     vehicle = known.get("vehicle_type") or known.get("vehicle")
     version = known.get("firmware_version")
     firmware = known.get("firmware") or (version and f"firmware {version}")

@@ -312,9 +312,7 @@ def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers
     else:
         parallel = min(workers or os.cpu_count() or 1, runs)
         whole_s = math.ceil(runs / parallel) * cost.wall_s
-        time_text = (
-            f"wall time: {about} {duration_text(whole_s)} with {plural(parallel, 'parallel run')}"
-        )
+        time_text = f"wall time: {about} {duration_text(whole_s)} with {plural(parallel, 'parallel run')}"
     rows_bytes = runs * ROW_BYTES
     if recordings == "none":
         disk_text = f"disk: about {size_text(rows_bytes)}, because no run is kept"
@@ -338,7 +336,7 @@ def result_document(table: ResultTable, complete: bool, page: Path | None) -> di
     """Return the document of `--json`."""
     from collections import Counter
 
-    from xitl_cli.commands.sections import sections_document
+    from xitl_cli.commands.output import sections_document
     from xitl_cli.plugins.campaign.report import pass_rate, summary_sections
 
     verdicts = []
@@ -382,7 +380,7 @@ def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
         rows.append([text, f"{satisfied} of {count}", f"{share:.1f} %", percent])
     console.print()
     show_rows(console, ("verdict", "satisfied", "share", "95 % interval"), rows)
-    from xitl_cli.commands.sections import show_sections
+    from xitl_cli.commands.output import show_sections
 
     show_sections(console, summary_sections(table))
     worst = table.worst()
@@ -421,7 +419,7 @@ def compare(
     CAMPAIGN.require("a comparison needs")
     if (b is None) == (by is None):
         raise UserError("compare: give either a second folder, or --by with an axis of the first")
-    from xitl_cli.commands.sections import sections_document, show_sections
+    from xitl_cli.commands.output import sections_document, show_sections
     from xitl_cli.logs.report.html import refuse_other, write_sections
     from xitl_cli.plugins.campaign.compare import compare_by, compare_tables
     from xitl_cli.plugins.campaign.report import comparison_section

@@ -1,1 +1,1 @@
-"""The command `xitl logs`, on the library `xitl_cli.logs`."""
+"""The command `xitl logs` and the analyses of logs, on the library `xitl_cli.logs`."""

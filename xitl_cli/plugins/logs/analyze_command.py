@@ -58,22 +58,22 @@ def analyze(
     analysed).
     """
     from xitl_cli.commands.terminal import progress
-    from xitl_cli.log_analyses import added_analyses
+    from xitl_cli.log_analyses import log_analyses, sections_named
     from xitl_cli.logs.report import html
-    from xitl_cli.logs.report.build import OVERVIEW, sections_named
-    from xitl_cli.logs.report.build import build_report as build
+    from xitl_cli.logs.report.build import OVERVIEW, build_report
     from xitl_cli.logs.report.json import document
 
-    added = added_analyses(sections or ())
-    wanted = sections_named(sections or (), added)
+    wanted = sections_named(sections or ())
+    analyses = log_analyses(wanted)
+    overview = not wanted or OVERVIEW in wanted
     page = report or (_beside(files[0], "report") if open_it else None)
     if page is not None:
         html.refuse_other(page)
     with progress("opening") as told:
-        found = build(files, wanted, told, vessel or "", signals_held=page is not None, added=added)
+        found = build_report(files, analyses, told, vessel or "", overview=overview, signals_held=page is not None)
         if page is not None and found.files:
             replay = None
-            if with_replay and OVERVIEW in wanted:
+            if with_replay and overview:
                 told("3D replay")
                 replay = _replay(found, vessel)
             told("page")

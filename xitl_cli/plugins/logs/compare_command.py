@@ -75,7 +75,9 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Compare two logs: paths, errors, profiles, channels, events, scheduler, time bases."""
+    from xitl_cli.log_analyses import log_analyses
     from xitl_cli.logs import open_log
+    from xitl_cli.logs.compare.comparison import OVERLAID
     from xitl_cli.logs.compare.comparison import compare as compare_logs
     from xitl_cli.logs.model.text import parse_optional_seconds
     from xitl_cli.logs.report import html
@@ -98,6 +100,7 @@ def compare(
             from_s=parse_optional_seconds(from_time),
             until_s=parse_optional_seconds(until_time),
             armed=armed,
+            analyses=log_analyses(OVERLAID),
         )
         page = _page(log_a, log_b, found) if report is not None else None
         tell_damage(*([log_a] if a == b else [log_a, log_b]))

@@ -14,74 +14,15 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from rosbags.typesys.stores.ros2_jazzy import (
-    builtin_interfaces__msg__Time as Time,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Point as Point,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Pose as Pose,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__PoseStamped as PoseStamped,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Quaternion as Quaternion,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Transform as Transform,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__TransformStamped as TransformStamped,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Vector3 as Vector3,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Vector3Stamped as Vector3Stamped,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    nav_msgs__msg__Path as Path,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    rosgraph_msgs__msg__Clock as Clock,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__JointState as JointState,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__NavSatFix as NavSatFix,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__NavSatStatus as NavSatStatus,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__Bool as Bool,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__Float64MultiArray as MultiArray,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__Header as Header,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__MultiArrayLayout as MultiArrayLayout,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__String as String,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    tf2_msgs__msg__TFMessage as TFMessage,
-)
+from numpy import float64
+from numpy.typing import NDArray
 
 from agent.mavlink.modes import mode_name
 from agent.wire import codec, dialect
 from agent.wire.framing import MAGIC
 from sim_core.frames import ned_to_enu
 from sim_core.geodesy import LocalFrame
-from xitl_cli.plugins.ros import clouds, instruments
-from xitl_cli.plugins.ros.continuous_odometry import Array, ContinuousOdometry, rotated
+from xitl_cli.plugins.ros import instruments, msg
 from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.plugins.ros.diagnostics import Diagnostics
 from xitl_cli.plugins.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
@@ -89,6 +30,7 @@ from xitl_cli.plugins.ros.outputs import (
     ANSWERS_LINK,
     DIAGNOSED,
     ESTIMATE,
+    LINK_NAME,
     OUTPUTS,
     SENSORS_LINK,
     TICKS,
@@ -96,10 +38,17 @@ from xitl_cli.plugins.ros.outputs import (
     TRUE_STATE,
     TRUTH,
     RosTopic,
+    UserTopic,
+    named_topics,
+    user_topics,
 )
-from xitl_cli.plugins.ros.robot_description import make_robot_description
-from xitl_cli.plugins.ros.thrusters import ThrusterLink, ThrusterState, state_of, thrusters_of
-from xitl_cli.plugins.ros.user_topics import LINK_NAME, UserTopic, named_topics, user_topics
+from xitl_cli.plugins.ros.robot_description import (
+    ThrusterLink,
+    ThrusterState,
+    make_robot_description,
+    state_of,
+    thrusters_of,
+)
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, UNKNOWN_VARIANCE, VESSEL_FRAME
@@ -156,22 +105,17 @@ class RosConversion:
 
     def static(self) -> Iterator[RosMessage]:
         """Yield the messages sent once, at the start: fixed frames of all vessels, descriptions, missions."""
-        return (message for message in self._all_static() if message.topic.name not in self._left_out)
+        frames = [_transform(frame, 0) for vessel in self._vessels for frame in vessel.fixed_frames]
+        transforms = serialize(msg.TFMessage(transforms=frames))
+        messages = [RosMessage(self._named["/tf_static"], "", transforms, 0)]
+        messages += [message for vessel in self._vessels for message in vessel.static()]
+        return (message for message in messages if message.topic.name not in self._left_out)
 
     def odom_in_map(self, vessel: str) -> tuple[float, float]:
         """Return east and north of the origin of the vessel's `odom` in `map`, in metres."""
-        for each in self._vessels:
-            if each.name == vessel:
-                east_m, north_m, _ = each.odometry.origin_map_m.tolist()
-                return east_m, north_m
-        return 0.0, 0.0
-
-    def _all_static(self) -> Iterator[RosMessage]:
-        frames = [frame for vessel in self._vessels for frame in vessel.fixed_frames]
-        message = TFMessage(transforms=[_transform(frame, 0) for frame in frames])
-        yield RosMessage(self._named["/tf_static"], "", serialize(message), 0)
-        for vessel in self._vessels:
-            yield from vessel.static()
+        origin_m = next((known.odometry.origin_map_m for known in self._vessels if known.name == vessel), np.zeros(3))
+        east_m, north_m, _ = origin_m.tolist()
+        return east_m, north_m
 
     def convert(self, topic: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         """Convert one payload of a recorded topic, with its name as in the file: `/alpha/truth/odometry`."""
@@ -185,14 +129,14 @@ class RosConversion:
 
     def _handler(self, topic: str) -> Callable[[bytes, int], Iterable[RosMessage]] | None:
         if topic not in self._handlers:
-            found = None
+            handler = None
             for vessel in self._vessels:
                 prefix = f"/{vessel.name}" if vessel.name else ""
                 if topic.startswith(f"{prefix}/"):
-                    found = found or vessel.handlers.get(topic.removeprefix(prefix))
+                    handler = handler or vessel.handlers.get(topic.removeprefix(prefix))
             if topic in DIAGNOSED:  # of the host, in a run of several vessels
-                found = found or self._vessels[0].handlers[topic]
-            self._handlers[topic] = found
+                handler = handler or self._vessels[0].handlers[topic]
+            self._handlers[topic] = handler
         return self._handlers[topic]
 
 
@@ -207,14 +151,17 @@ class VesselConversion:
         self._named = named
         self.name = profile.vessel
         self._thrusters = thrusters_of(profile.vehicle)
-        self._turning = [each for each in self._thrusters if each.limit_rad]
+        self._turning = [thruster for thruster in self._thrusters if thruster.limit_rad]
         self._profile = profile
         self._first = first
         self._estimated = profile.autopilot.kind != "none"
         moved_by = {"auto": "estimate" if self._estimated else "truth"}
         self._moved_by = moved_by.get(profile.ros.tf, profile.ros.tf)
         self.odometry = ContinuousOdometry()
-        self.fixed_frames = tuple(named_frame(frame, self.name) for frame in self._resting_frames())
+        frames = [*sensor_frames(profile), *(link.frame for link in self._thrusters if not link.limit_rad)]
+        if self._moved_by == "truth":  # the truth is continuous in the map
+            frames.insert(0, FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0)))
+        self.fixed_frames = tuple(named_frame(frame, self.name) for frame in frames)
         self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
         sensors = profile.sensors
         self._instruments = None if sensors is None else instruments.Instruments(sensors, self._framed)
@@ -225,7 +172,7 @@ class VesselConversion:
         self._mode: str | None = None
         self._armed: bool | None = None
         self._mission: UploadedMission = UploadedMission()
-        places = {frame.name: clouds.CloudFrame(frame) for frame in sensor_frames(profile)}
+        places = {frame.name: instruments.CloudFrame(frame) for frame in sensor_frames(profile)}
         self._lidar, self._sonar = places.get(LIDAR_FRAME), places.get(SONAR_FRAME)
         handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]]] = {
             TRUTH: self._truth,
@@ -278,7 +225,7 @@ class VesselConversion:
         if self._sonar is not None:
             names += ["sonar/points", "sonar/echo"]
         yield from (self._named[name] for name in names)
-        yield from (self._named["thrusters/{thruster}/state"].of(each.name) for each in self._thrusters)
+        yield from (self._named["thrusters/{thruster}/state"].of(thruster.name) for thruster in self._thrusters)
         if self._instruments is not None:
             yield from (self._named[instruments.RANGE].of(part) for part in self._instruments.rangefinders)
         yield from (user.topic for users in self._users.values() for user in users)
@@ -303,20 +250,14 @@ class VesselConversion:
         start = self._profile.mission.start
         places = [(start.north_m, start.east_m), *self._profile.mission.course_ned_m]
         yield self._message("mission", self._path(0, places), 0)
-        yield self._message("robot_description", String(data=make_robot_description(self._profile)), 0)
-
-    def _resting_frames(self) -> Iterator[FixedFrame]:
-        if self._moved_by == "truth":  # the truth is continuous in the map
-            yield FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0))
-        yield from sensor_frames(self._profile)
-        yield from (each.frame for each in self._thrusters if not each.limit_rad)
+        yield self._message("robot_description", msg.String(data=make_robot_description(self._profile)), 0)
 
     # Recorded topics of xitl
 
     def _tick(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         if self._first:
-            yield self._message("/clock", Clock(clock=_time(stamp_ns)), stamp_ns)
-        array = self._diagnostics.due(stamp_ns, self._header(stamp_ns, ""))
+            yield self._message("/clock", msg.Clock(clock=msg.Time(*divmod(stamp_ns, 1_000_000_000))), stamp_ns)
+        array = self._diagnostics.due(stamp_ns, msg.header(stamp_ns, ""))
         if array is not None:
             yield self._message("diagnostics", array, stamp_ns)
 
@@ -331,25 +272,25 @@ class VesselConversion:
         self._state_ns = (stamp_ns // STATE_NS + 1) * STATE_NS
         rotor = deserialize(payload, TOPICS[TRUE_STATE].schema).rotor.tolist()
         density = self._profile.environment.water.density_kgpm3
-        states = {each.name: state_of(each, rotor, density) for each in self._thrusters}
-        for each in self._thrusters:
-            message = self._joint_state(stamp_ns, [each], states)
-            topic = self._named["thrusters/{thruster}/state"].of(each.name)
+        states = {thruster.name: state_of(thruster, rotor, density) for thruster in self._thrusters}
+        for thruster in self._thrusters:
+            message = self._joint_state(stamp_ns, [thruster], states)
+            topic = self._named["thrusters/{thruster}/state"].of(thruster.name)
             yield RosMessage(topic, self.name, serialize(message), stamp_ns)
         if self._turning:
             yield self._message("joint_states", self._joint_state(stamp_ns, self._turning, states), stamp_ns)
-            frames = [named_frame(each.turned(states[each.name].angle_rad), self.name) for each in self._turning]
-            transforms = [_transform(frame, stamp_ns) for frame in frames]
-            yield self._message("/tf", TFMessage(transforms=transforms), stamp_ns)
+            frames = [thruster.turned(states[thruster.name].angle_rad) for thruster in self._turning]
+            transforms = [_transform(named_frame(frame, self.name), stamp_ns) for frame in frames]
+            yield self._message("/tf", msg.TFMessage(transforms=transforms), stamp_ns)
 
-    def _joint_state(self, stamp_ns: int, of: Sequence[ThrusterLink], states: Mapping[str, ThrusterState]) -> Any:
-        found = [states[each.name] for each in of]
-        return JointState(
-            header=self._header(stamp_ns, ""),
-            name=[self._framed(each.joint) for each in of],
-            position=np.array([state.angle_rad for state in found]),
-            velocity=np.array([state.speed_radps for state in found]),
-            effort=np.array([state.thrust_n for state in found]),
+    def _joint_state(self, stamp_ns: int, links: Sequence[ThrusterLink], states: Mapping[str, ThrusterState]) -> Any:
+        shown = [states[link.name] for link in links]
+        return msg.JointState(
+            header=msg.header(stamp_ns, ""),
+            name=[self._framed(link.joint) for link in links],
+            position=np.array([state.angle_rad for state in shown]),
+            velocity=np.array([state.speed_radps for state in shown]),
+            effort=np.array([state.thrust_n for state in shown]),
         )
 
     def _truth(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
@@ -360,14 +301,14 @@ class VesselConversion:
 
     def _true_fix(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         place = foxglove_type("LocationFix").FromString(payload)
-        fix = NavSatFix(
-            header=self._header(stamp_ns, self._framed(VESSEL_FRAME)),
-            status=NavSatStatus(status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS),  # type: ignore[arg-type]  # as in Dashing
+        fix = msg.NavSatFix(
+            header=msg.header(stamp_ns, self._framed(VESSEL_FRAME)),
+            status=msg.NavSatStatus(status=msg.NavSatStatus.STATUS_FIX, service=msg.NavSatStatus.SERVICE_GPS),  # type: ignore[arg-type]  # as in Dashing
             latitude=place.latitude,
             longitude=place.longitude,
             altitude=place.altitude,
             position_covariance=np.zeros(9),
-            position_covariance_type=NavSatFix.COVARIANCE_TYPE_KNOWN,
+            position_covariance_type=msg.NavSatFix.COVARIANCE_TYPE_KNOWN,
         )
         yield self._message("ground_truth/fix", fix, stamp_ns)
 
@@ -389,43 +330,42 @@ class VesselConversion:
         odometry.pose.covariance, odometry.twist.covariance = pose.reshape(36), twist.reshape(36)
         if math.isfinite(place.x) and math.isfinite(turn.w):
             self._attitude.estimated(stamp_ns, (turn.w, turn.x, turn.y, turn.z))
-            self._into_odom(stamp_ns, odometry)
+            # Convert the position from `map` to `odom`
+            linear = odometry.twist.twist.linear
+            velocity_map_mps = rotated((turn.w, turn.x, turn.y, turn.z), np.array([linear.x, linear.y, linear.z]))
+            place_map_m = np.array([place.x, place.y, place.z])
+            place.x, place.y, place.z = self.odometry.update(stamp_ns, place_map_m, velocity_map_mps).tolist()
         yield self._message("odometry", odometry, stamp_ns)
         if self._moved_by == "estimate":
             yield self._moved(stamp_ns, odometry.pose.pose, self.odometry.origin_map_m)
 
-    def _into_odom(self, stamp_ns: int, odometry: Any) -> None:
-        """Convert the position from `map` to `odom`."""
-        place, linear, turn = odometry.pose.pose.position, odometry.twist.twist.linear, odometry.pose.pose.orientation
-        velocity_map_mps = rotated((turn.w, turn.x, turn.y, turn.z), np.array([linear.x, linear.y, linear.z]))
-        place_map_m = np.array([place.x, place.y, place.z])
-        place.x, place.y, place.z = self.odometry.update(stamp_ns, place_map_m, velocity_map_mps).tolist()
-
     def _environment(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         message = deserialize(payload, TOPICS["/environment"].schema)
         for topic, velocity_ned_mps in (("wind", message.wind_ned_mps), ("current", message.current_ned_mps)):
-            vector = Vector3(*ned_to_enu(velocity_ned_mps).tolist())
+            vector = msg.Vector3(*ned_to_enu(velocity_ned_mps).tolist())
             yield self._message(
-                topic, Vector3Stamped(header=self._header(stamp_ns, MAP_FRAME), vector=vector), stamp_ns
+                topic, msg.Vector3Stamped(header=msg.header(stamp_ns, MAP_FRAME), vector=vector), stamp_ns
             )
 
     def _ais(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         for sentence in deserialize(payload, TOPICS["/ais"].schema).sentences.splitlines():
-            yield self._message("ais/nmea", String(data=sentence), stamp_ns)
+            yield self._message("ais/nmea", msg.String(data=sentence), stamp_ns)
 
     def _lidar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         assert self._lidar is not None
         assert self._profile.sensors is not None
         lidar = self._profile.sensors.lidar
         assert lidar is not None
-        base_m, packed = clouds.recorded_points(cloud_data(payload), timed=True)
+        base_m, packed = instruments.recorded_points(cloud_data(payload), timed=True)
         points_m = self._lidar.points(base_m)
-        header = self._header(stamp_ns, self._framed(LIDAR_FRAME))
-        yield self._message("points", clouds.point_cloud(header, points_m, packed["intensity"], packed["t"]), stamp_ns)
-        header = self._header(stamp_ns, self._framed(VESSEL_FRAME))
-        scan = clouds.scan_of_cloud(
+        header = msg.header(stamp_ns, self._framed(LIDAR_FRAME))
+        yield self._message(
+            "points", instruments.point_cloud(header, points_m, packed["intensity"], packed["t"]), stamp_ns
+        )
+        header = msg.header(stamp_ns, self._framed(VESSEL_FRAME))
+        scan = instruments.scan_of_cloud(
             header,
-            clouds.leveled(base_m, self._attitude.at_sample()),
+            instruments.leveled(base_m, self._attitude.at_sample()),
             self._profile.environment.water.level_m,  # because the body's origin floats at the map's zero
             (lidar.min_range_m, lidar.max_range_m),
             1.0 / lidar.rate_hz,
@@ -434,9 +374,9 @@ class VesselConversion:
 
     def _sonar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         assert self._sonar is not None
-        base_m, packed = clouds.recorded_points(cloud_data(payload), timed=False)
-        header = self._header(stamp_ns, self._framed(SONAR_FRAME))
-        cloud = clouds.point_cloud(header, self._sonar.points(base_m), packed["intensity"])
+        base_m, packed = instruments.recorded_points(cloud_data(payload), timed=False)
+        header = msg.header(stamp_ns, self._framed(SONAR_FRAME))
+        cloud = instruments.point_cloud(header, self._sonar.points(base_m), packed["intensity"])
         yield self._message("sonar/points", cloud, stamp_ns)
 
     def _ping(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
@@ -447,9 +387,9 @@ class VesselConversion:
         intensity = np.asarray(ping.intensity, dtype=np.uint8)
         sample_m = 0.5 * ping.sound_speed_mps * ping.sample_period_s
         angle_rad = ping.angle_grad * math.tau / 400.0 - math.radians(sonar.heading_deg)
-        points_m = clouds.echo_points(angle_rad, (np.arange(len(intensity)) + 0.5) * sample_m)
-        header = self._header(stamp_ns, self._framed(SONAR_FRAME))
-        yield self._message("sonar/echo", clouds.point_cloud(header, points_m, intensity), stamp_ns)
+        points_m = instruments.echo_points(angle_rad, (np.arange(len(intensity)) + 0.5) * sample_m)
+        header = msg.header(stamp_ns, self._framed(SONAR_FRAME))
+        yield self._message("sonar/echo", instruments.point_cloud(header, points_m, intensity), stamp_ns)
 
     # Frames of MAVLink
 
@@ -462,13 +402,15 @@ class VesselConversion:
         if kind in UploadedMission.kinds:
             places = self._mission.handle(message)
             if places is not None:
-                yield self._message("mission", self._path(stamp_ns, self._about_site(places)), stamp_ns)
+                latitude, longitude = np.array(places, dtype=np.float64).reshape(-1, 2).T
+                ned_m = self._frame.ned(latitude, longitude, np.full(len(latitude), self._profile.site.altitude_m))
+                yield self._message("mission", self._path(stamp_ns, ned_m[:, :2].tolist()), stamp_ns)
             return
         if kind == dialect.MAVLINK_MSG_ID_XITL_IMU:
             self._attitude.turned(message.time_usec * 1000, message.gyro)
-        for name, of, made, made_ns in self._instruments.messages(message, self._attitude):
-            topic = self._named[name] if not of else self._named[name].of(of)
-            yield RosMessage(topic, self.name, serialize(made), made_ns)
+        for name, part, measured, measured_ns in self._instruments.messages(message, self._attitude):
+            topic = self._named[name].of(part) if part else self._named[name]
+            yield RosMessage(topic, self.name, serialize(measured), measured_ns)
 
     def _answer(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         message = read_frame(payload, _ANSWERS)
@@ -481,20 +423,17 @@ class VesselConversion:
             mode = mode_name(message.custom_mode, message.autopilot == dialect.MAV_AUTOPILOT_PX4)
             if mode != self._mode:
                 self._mode = mode
-                yield self._message("mode", String(data=mode), stamp_ns)
+                yield self._message("mode", msg.String(data=mode), stamp_ns)
             if armed is not self._armed:
                 self._armed = armed
-                yield self._message("armed", Bool(data=armed), stamp_ns)
-        elif (battery := instruments.battery(message, self._header(stamp_ns, ""))) is not None:
+                yield self._message("armed", msg.Bool(data=armed), stamp_ns)
+        elif (battery := instruments.battery(message, msg.header(stamp_ns, ""))) is not None:
             yield self._message("battery", battery, stamp_ns)
 
     # Pieces
 
     def _framed(self, frame: str) -> str:
         return frame_name(frame, self.name)
-
-    def _header(self, stamp_ns: int, frame: str) -> Any:
-        return Header(stamp=_time(stamp_ns), frame_id=frame)
 
     def _message(self, topic: str, message: Any, stamp_ns: int) -> RosMessage:
         named = self._named[topic]
@@ -506,34 +445,29 @@ class VesselConversion:
         origin_map_m: position of `odom` in `map` (3,).
         """
         place = pose.position
-        transform = TransformStamped(
-            header=self._header(stamp_ns, self._framed(ODOM_FRAME)),
+        transform = msg.TransformStamped(
+            header=msg.header(stamp_ns, self._framed(ODOM_FRAME)),
             child_frame_id=self._framed(VESSEL_FRAME),
-            transform=Transform(translation=Vector3(place.x, place.y, place.z), rotation=pose.orientation),
+            transform=msg.Transform(translation=msg.Vector3(place.x, place.y, place.z), rotation=pose.orientation),
         )
         transforms = [transform]
         if origin_map_m is not None:
             odom = FixedFrame(MAP_FRAME, ODOM_FRAME, (origin_map_m[0], origin_map_m[1], origin_map_m[2]))
             transforms.append(_transform(named_frame(odom, self.name), stamp_ns))
-        return self._message("/tf", TFMessage(transforms=transforms), stamp_ns)
+        return self._message("/tf", msg.TFMessage(transforms=transforms), stamp_ns)
 
     def _path(self, stamp_ns: int, places_ne_m: Iterable[tuple[float, float]]) -> Any:
         """Return a nav_msgs/Path: each place with the heading of the path toward it."""
-        header, poses = self._header(stamp_ns, MAP_FRAME), []
+        header, poses = msg.header(stamp_ns, MAP_FRAME), []
         before: tuple[float, float] | None = None
         for north_m, east_m in places_ne_m:
             yaw_rad = 0.0 if before is None else math.atan2(north_m - before[0], east_m - before[1])
-            turn = Quaternion(0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad))
-            poses.append(PoseStamped(header=header, pose=Pose(Point(east_m, north_m, 0.0), turn)))
+            turn = msg.Quaternion(0.0, 0.0, math.sin(0.5 * yaw_rad), math.cos(0.5 * yaw_rad))
+            poses.append(msg.PoseStamped(header=header, pose=msg.Pose(msg.Point(east_m, north_m, 0.0), turn)))
             before = north_m, east_m
         if len(poses) > 1:
             poses[0].pose.orientation = poses[1].pose.orientation
-        return Path(header=header, poses=poses)
-
-    def _about_site(self, places_deg: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-        latitude, longitude = np.array(places_deg, dtype=np.float64).reshape(-1, 2).T
-        ned_m = self._frame.ned(latitude, longitude, np.full(len(latitude), self._profile.site.altitude_m))
-        return [(north_m, east_m) for north_m, east_m, _ in ned_m.tolist()]
+        return msg.Path(header=header, poses=poses)
 
 
 class AttitudeCarry:
@@ -626,9 +560,9 @@ def _field_cdr(user: UserTopic, payload: bytes) -> bytes | None:
         value = user.read(message)
     except (AttributeError, IndexError, TypeError, ValueError):
         return None
-    if user.topic.type == MultiArray.__msgtype__:
-        layout = MultiArrayLayout(dim=[], data_offset=0)
-        return serialize(MultiArray(layout=layout, data=np.array(value, dtype=np.float64)))
+    if user.topic.type == msg.Float64MultiArray.__msgtype__:
+        layout = msg.MultiArrayLayout(dim=[], data_offset=0)
+        return serialize(msg.Float64MultiArray(layout=layout, data=np.array(value, dtype=np.float64)))
     return serialize(ros2_types().types[user.topic.type](data=value))
 
 
@@ -648,13 +582,50 @@ def cloud_data(payload: bytes) -> bytes:
     return data
 
 
-def _time(stamp_ns: int) -> Any:
-    return Time(*divmod(stamp_ns, 1_000_000_000))
-
-
 def _transform(frame: FixedFrame, stamp_ns: int) -> Any:
-    return TransformStamped(
-        header=Header(stamp=_time(stamp_ns), frame_id=frame.parent),
+    return msg.TransformStamped(
+        header=msg.header(stamp_ns, frame.parent),
         child_frame_id=frame.name,
-        transform=Transform(translation=Vector3(*frame.position_m), rotation=Quaternion(*frame.turn)),
+        transform=msg.Transform(translation=msg.Vector3(*frame.position_m), rotation=msg.Quaternion(*frame.turn)),
     )
+
+
+Array = NDArray[float64]
+
+
+class ContinuousOdometry:
+    """Integrates the velocity of an estimate with jumps of its corrected position.
+
+    The position drifts from that of the estimate without bound, and never jumps. The axes of `odom` are those of `map`.
+    origin_map_m: position of `odom` in `map` (3,), ENU; zero at first.
+    """
+
+    def __init__(self) -> None:
+        self.origin_map_m: Array = np.zeros(3)
+        self._place_odom_m: Array | None = None
+        self._velocity_mps: Array = np.zeros(3)
+        self._stamp_ns = 0
+
+    def update(self, stamp_ns: int, place_map_m: Array, velocity_map_mps: Array) -> Array:
+        """Return the position in `odom` (3,) at an instant later than the last, from estimates in `map`, both ENU (3,).
+
+        An estimate that is not finite changes nothing.
+        """
+        last = place_map_m if self._place_odom_m is None else self._place_odom_m
+        if not (np.isfinite(place_map_m).all() and np.isfinite(velocity_map_mps).all()):
+            return last
+        if self._place_odom_m is None:
+            place_odom_m = place_map_m
+        else:
+            dt_s = (stamp_ns - self._stamp_ns) * 1e-9
+            place_odom_m = last + 0.5 * dt_s * (self._velocity_mps + velocity_map_mps)
+        self._stamp_ns, self._place_odom_m, self._velocity_mps = stamp_ns, place_odom_m, velocity_map_mps
+        self.origin_map_m = place_map_m - place_odom_m
+        return place_odom_m
+
+
+def rotated(wxyz: tuple[float, float, float, float], vector: Array) -> Array:
+    """Rotate a vector (3,) by a unit quaternion."""
+    axis = np.array(wxyz[1:])
+    across = 2.0 * np.cross(axis, vector)
+    return vector + wxyz[0] * across + np.cross(axis, across)

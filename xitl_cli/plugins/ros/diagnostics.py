@@ -9,16 +9,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from rosbags.typesys.stores.ros2_jazzy import (
-    diagnostic_msgs__msg__DiagnosticArray as DiagnosticArray,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    diagnostic_msgs__msg__DiagnosticStatus as DiagnosticStatus,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    diagnostic_msgs__msg__KeyValue as KeyValue,
-)
-
+from xitl_cli.plugins.ros import msg
 from xitl_cli.record.topics import TOPICS
 
 _PERIOD_NS = 1_000_000_000
@@ -53,7 +44,7 @@ class Diagnostics:
         if stamp_ns < self._next_ns or not self._latest:
             return None
         self._next_ns = (stamp_ns // _PERIOD_NS + 1) * _PERIOD_NS
-        return DiagnosticArray(header=header, status=[self._status(*key) for key in sorted(self._latest)])
+        return msg.DiagnosticArray(header=header, status=[self._status(*key) for key in sorted(self._latest)])
 
     def _status(self, topic: str, name: str) -> Any:
         message = self._latest[topic, name]
@@ -61,13 +52,13 @@ class Diagnostics:
         count = sum(max(int(getattr(message, field)), 0) for field in counts)
         grown = count - self._said.get((topic, name), 0)
         self._said[topic, name] = count
-        level, text = DiagnosticStatus.OK, "ok"
+        level, text = msg.DiagnosticStatus.OK, "ok"
         if grown > 0:
-            level, text = DiagnosticStatus.WARN, f"{grown} more: {complaint}" if topic != "/pace" else complaint
+            level, text = msg.DiagnosticStatus.WARN, f"{grown} more: {complaint}" if topic != "/pace" else complaint
         elif said := _limit_passed(topic, message):
-            level, text = DiagnosticStatus.WARN, said
-        values = [KeyValue(key=key, value=value) for key, value in _values(topic, message)]
-        return DiagnosticStatus(level=level, name=f"xitl: {name}", message=text, hardware_id="xitl", values=values)
+            level, text = msg.DiagnosticStatus.WARN, said
+        values = [msg.KeyValue(key=key, value=value) for key, value in _values(topic, message)]
+        return msg.DiagnosticStatus(level=level, name=f"xitl: {name}", message=text, hardware_id="xitl", values=values)
 
 
 def _limit_passed(topic: str, message: Any) -> str:

@@ -7,57 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.typesys.stores.ros2_jazzy import (
-    builtin_interfaces__msg__Time as Time,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Point as Point,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Pose as Pose,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__PoseWithCovariance as PoseWithCovariance,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Quaternion as Quaternion,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Transform as Transform,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__TransformStamped as TransformStamped,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Twist as Twist,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__TwistWithCovariance as TwistWithCovariance,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__Vector3 as Vector3,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    nav_msgs__msg__Odometry as Odometry,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__Imu as Imu,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__NavSatFix as NavSatFix,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    sensor_msgs__msg__NavSatStatus as NavSatStatus,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__Header as Header,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    std_msgs__msg__String as String,
-)
-from rosbags.typesys.stores.ros2_jazzy import (
-    tf2_msgs__msg__TFMessage as TFMessage,
-)
 
 import xitl_cli.logs.signals as signals
 from sim_core.frames import (
@@ -69,6 +18,7 @@ from sim_core.frames import (
 )
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.signals.sensors import inertial_units
+from xitl_cli.plugins.ros import msg
 from xitl_cli.plugins.ros.frames import GNSS_FRAME, IMU_FRAME
 from xitl_cli.plugins.ros.outputs import OUTPUTS, RosTopic
 from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, UNKNOWN_VARIANCE, VESSEL_FRAME
@@ -93,31 +43,31 @@ def log_messages(log: Log, shift_ns: int = 0) -> list[Iterator[LogMessage]]:
     """
     if log.of_topics:
         return []
-    return [made(log, shift_ns) for made in (_fixes, _odometry, _imu, _modes)]
+    return [read(log, shift_ns) for read in (_fixes, _odometry, _imu, _modes)]
 
 
 def _modes(log: Log, shift_ns: int) -> Iterator[LogMessage]:
     for mode in signals.modes(log):
-        yield LogMessage(OUTPUTS["mode"], String(data=mode.text), mode.from_ns + shift_ns)
+        yield LogMessage(OUTPUTS["mode"], msg.String(data=mode.text), mode.from_ns + shift_ns)
 
 
 def _fixes(log: Log, shift_ns: int) -> Iterator[LogMessage]:
     """Yield fixes. Altitudes are those of the log, mostly above mean sea level; the accuracy is unknown."""
-    found = signals.position_geodetic(log)
-    if found is None:
+    positions = signals.position_geodetic(log)
+    if positions is None:
         return
-    status = NavSatStatus(status=NavSatStatus.STATUS_FIX, service=NavSatStatus.SERVICE_GPS)
+    status = msg.NavSatStatus(status=msg.NavSatStatus.STATUS_FIX, service=msg.NavSatStatus.SERVICE_GPS)
     for stamp_ns, (latitude, longitude, altitude) in zip(
-        (found.stamp_ns + shift_ns).tolist(), found.values.tolist(), strict=True
+        (positions.stamp_ns + shift_ns).tolist(), positions.values.tolist(), strict=True
     ):
-        fix = NavSatFix(
-            header=_header(stamp_ns, GNSS_FRAME),
+        fix = msg.NavSatFix(
+            header=msg.header(stamp_ns, GNSS_FRAME),
             status=status,  # type: ignore[arg-type]  # as in Dashing
             latitude=latitude,
             longitude=longitude,
             altitude=altitude,
             position_covariance=np.zeros(9),
-            position_covariance_type=NavSatFix.COVARIANCE_TYPE_UNKNOWN,
+            position_covariance_type=msg.NavSatFix.COVARIANCE_TYPE_UNKNOWN,
         )
         yield LogMessage(OUTPUTS["fix"], fix, stamp_ns)
 
@@ -139,26 +89,28 @@ def _odometry(log: Log, shift_ns: int) -> Iterator[LogMessage]:
     rotation = quat_to_matrix(turn_ned)
     linear = frd_to_flu(np.einsum("nij,ni->nj", rotation, velocity_ned))
     place, turn = ned_to_enu(position.path.values), quat_ned_frd_to_enu_flu(turn_ned)
-    rest = Transform(translation=Vector3(0.0, 0.0, 0.0), rotation=Quaternion(0.0, 0.0, 0.0, 1.0))
+    rest = msg.Transform(translation=msg.Vector3(0.0, 0.0, 0.0), rotation=msg.Quaternion(0.0, 0.0, 0.0, 1.0))
     first_ns = int(stamps[0]) + shift_ns
-    fixed = TransformStamped(_header(first_ns, MAP_FRAME), ODOM_FRAME, rest)
-    yield LogMessage(OUTPUTS["/tf_static"], TFMessage(transforms=[fixed]), first_ns)
+    fixed = msg.TransformStamped(msg.header(first_ns, MAP_FRAME), ODOM_FRAME, rest)
+    yield LogMessage(OUTPUTS["/tf_static"], msg.TFMessage(transforms=[fixed]), first_ns)
     known = np.isfinite(turn).all(axis=1)
     for row in np.flatnonzero(known).tolist():
         stamp_ns = int(stamps[row]) + shift_ns
         east, north, up = place[row].tolist()
         w, x, y, z = turn[row].tolist()
-        attitude, header = Quaternion(x, y, z, w), _header(stamp_ns, ODOM_FRAME)
-        twist = Twist(linear=Vector3(*linear[row].tolist()), angular=Vector3(0.0, 0.0, 0.0))
-        odometry = Odometry(
+        attitude, header = msg.Quaternion(x, y, z, w), msg.header(stamp_ns, ODOM_FRAME)
+        twist = msg.Twist(linear=msg.Vector3(*linear[row].tolist()), angular=msg.Vector3(0.0, 0.0, 0.0))
+        odometry = msg.Odometry(
             header=header,
             child_frame_id=VESSEL_FRAME,
-            pose=PoseWithCovariance(pose=Pose(Point(east, north, up), attitude), covariance=_UNKNOWN_COVARIANCE),
-            twist=TwistWithCovariance(twist=twist, covariance=_UNKNOWN_COVARIANCE),
+            pose=msg.PoseWithCovariance(
+                pose=msg.Pose(msg.Point(east, north, up), attitude), covariance=_UNKNOWN_COVARIANCE
+            ),
+            twist=msg.TwistWithCovariance(twist=twist, covariance=_UNKNOWN_COVARIANCE),
         )
         yield LogMessage(OUTPUTS["odometry"], odometry, stamp_ns)
-        moved = TransformStamped(header, VESSEL_FRAME, Transform(Vector3(east, north, up), attitude))
-        yield LogMessage(OUTPUTS["/tf"], TFMessage(transforms=[moved]), stamp_ns)
+        moved = msg.TransformStamped(header, VESSEL_FRAME, msg.Transform(msg.Vector3(east, north, up), attitude))
+        yield LogMessage(OUTPUTS["/tf"], msg.TFMessage(transforms=[moved]), stamp_ns)
 
 
 def _imu(log: Log, shift_ns: int) -> Iterator[LogMessage]:
@@ -173,15 +125,15 @@ def _imu(log: Log, shift_ns: int) -> Iterator[LogMessage]:
     unknown, not_given = np.zeros(9), np.array([-1.0, *[0.0] * 8])
     for row in np.flatnonzero(np.isfinite(gyro + accel).all(axis=1)).tolist():
         stamp_ns = int(unit.stamp_ns[row]) + shift_ns
-        there = turn is not None and bool(np.isfinite(turn[row]).all())
-        w, x, y, z = turn[row].tolist() if turn is not None and there else (1.0, 0.0, 0.0, 0.0)
-        message = Imu(
-            header=_header(stamp_ns, IMU_FRAME),
-            orientation=Quaternion(x, y, z, w),
-            orientation_covariance=unknown if there else not_given,
-            angular_velocity=Vector3(*gyro[row].tolist()),
+        known = turn is not None and bool(np.isfinite(turn[row]).all())
+        w, x, y, z = turn[row].tolist() if turn is not None and known else (1.0, 0.0, 0.0, 0.0)
+        message = msg.Imu(
+            header=msg.header(stamp_ns, IMU_FRAME),
+            orientation=msg.Quaternion(x, y, z, w),
+            orientation_covariance=unknown if known else not_given,
+            angular_velocity=msg.Vector3(*gyro[row].tolist()),
             angular_velocity_covariance=unknown,
-            linear_acceleration=Vector3(*accel[row].tolist()),
+            linear_acceleration=msg.Vector3(*accel[row].tolist()),
             linear_acceleration_covariance=unknown,
         )
         yield LogMessage(OUTPUTS["imu/data"], message, stamp_ns)
@@ -190,9 +142,5 @@ def _imu(log: Log, shift_ns: int) -> Iterator[LogMessage]:
 def attitudes(log: Log, stamp_ns: Stamps) -> Array | None:
     """Return (N, 4) w x y z from FRD to NED at instants (N,), NaN outside the log; None without attitudes."""
     angles = [signals.roll(log), signals.pitch(log), signals.yaw(log)]
-    found = [angle.interpolated(stamp_ns) for angle in angles if angle is not None]
-    return euler_to_quat(np.radians(np.stack(found, axis=-1))) if len(found) == 3 else None
-
-
-def _header(stamp_ns: int, frame: str) -> Any:
-    return Header(stamp=Time(*divmod(stamp_ns, 1_000_000_000)), frame_id=frame)
+    known_deg = [angle.interpolated(stamp_ns) for angle in angles if angle is not None]
+    return euler_to_quat(np.radians(np.stack(known_deg, axis=-1))) if len(known_deg) == 3 else None

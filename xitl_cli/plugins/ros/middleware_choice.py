@@ -1,11 +1,13 @@
-"""The middleware that a profile asks for, of those that this machine has."""
+"""The middleware that a profile requests, if this machine has it, and the check of `xitl doctor`."""
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Literal
 
+from agent.board.doctor import OK, WARNING, DoctorFinding
 from xitl_cli.errors import UserError
 from xitl_cli.extras import ROS2
 from xitl_cli.plugins.ros.middleware import NODE_NAME, Middleware
@@ -57,3 +59,20 @@ def ros2_way(spec: RosSpec) -> Literal["rclpy", "cyclonedds"]:
     if ROS2.missing:
         raise UserError(f"ros: neither rclpy (source a ROS 2) nor cyclonedds is here; {ROS2.pip_line}")
     return "cyclonedds"
+
+
+def check_ros() -> DoctorFinding:
+    """Report how `--ros` would connect to ROS 2; ROS 1 has no requirements."""
+    sourced = os.environ.get("ROS_DISTRO", "")
+    named = f" of ROS 2 {sourced}" if sourced else ""
+    try:
+        way = ros2_way(RosSpec())
+    except UserError:
+        return DoctorFinding("ROS 2", OK, "neither rclpy nor cyclonedds (only for `--ros`)", ROS2.pip_line)
+    if way == "cyclonedds":
+        return DoctorFinding("ROS 2", OK, "cyclonedds; no rclpy is sourced for this Python")
+    if (problem := rclpy_problem()) is None:
+        return DoctorFinding("ROS 2", OK, f"rclpy{named}")
+    instead = ROS2.pip_line if ROS2.missing else "cyclonedds is used instead; or run xitl in the Python of that ROS"
+    level = WARNING if ROS2.missing else OK
+    return DoctorFinding("ROS 2", level, f"rclpy{named} cannot be imported ({problem})", instead)

@@ -37,6 +37,6 @@ def export_bag(
 
 def doctor_checks() -> Iterable[DoctorFinding]:
     """Check how `--ros` would connect to ROS 2 on this machine."""
-    from xitl_cli.plugins.ros.readiness import check_ros
+    from xitl_cli.plugins.ros.middleware_choice import check_ros
 
     return [check_ros()]

@@ -169,22 +169,28 @@ def _read_data(body: bytes, flags: int, order: str) -> Submessage:
     inline: dict[int, bytes] = {}
     at = 4 + to_inline
     if flags & _INLINE_QOS:
-        inline, at = _read_list(body, at, order)
+        while True:
+            pid, length = struct.unpack_from(f"{order}HH", body, at)
+            at += 4
+            if pid == PID_SENTINEL:
+                break
+            inline[pid] = body[at : at + length]
+            at += length
     payload = body[at:] if flags & _PAYLOAD else b""
     return Submessage(DATA, body[4:8], body[8:12], _read_number(body, 12, order), inline=inline, payload=payload)
 
 
 def read_parameters(payload: bytes) -> dict[int, list[bytes]]:
     """Return the values of a payload with its encapsulation by their number. `number_order` gives their byte order."""
-    found: dict[int, list[bytes]] = {}
+    values: dict[int, list[bytes]] = {}
     at, order = 4, number_order(payload)
     while at + 4 <= len(payload):
         pid, length = struct.unpack_from(f"{order}HH", payload, at)
         if pid == PID_SENTINEL:
             break
-        found.setdefault(pid, []).append(payload[at + 4 : at + 4 + length])
+        values.setdefault(pid, []).append(payload[at + 4 : at + 4 + length])
         at += 4 + length
-    return found
+    return values
 
 
 def number_order(payload: bytes) -> str:
@@ -206,17 +212,6 @@ def read_locator(value: bytes, order: str = "<") -> tuple[str, int] | None:
         return None
     kind, port = struct.unpack_from(f"{order}iI", value)
     return (".".join(map(str, value[20:24])), port) if kind == UDP_V4 and 0 < port < 65536 else None
-
-
-def _read_list(body: bytes, at: int, order: str) -> tuple[dict[int, bytes], int]:
-    found: dict[int, bytes] = {}
-    while True:
-        pid, length = struct.unpack_from(f"{order}HH", body, at)
-        at += 4
-        if pid == PID_SENTINEL:
-            return found, at
-        found[pid] = body[at : at + length]
-        at += length
 
 
 def _read_number(body: bytes, at: int, order: str) -> int:

@@ -15,7 +15,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
+from operator import attrgetter
 
 from agent.timing.clock import wait_readable
 from xitl_cli.plugins.ros import rtps
@@ -146,7 +148,9 @@ class ServiceRequest:
     writer: bytes
     """GUID of the client's writer."""
     identity: bytes
+    """Parameter that relates the response to the request."""
     before: bytes
+    """Header of a client of Cyclone DDS, which its response repeats."""
 
     def response(self, cdr: bytes) -> bytes:
         """Return the payload of the response for its CDR."""
@@ -154,29 +158,30 @@ class ServiceRequest:
 
 
 class RtpsServices:
-    """Serves in a domain, in a separate thread, which calls `come` with each request; call `respond` later.
+    """Serves in a domain, in a separate thread, which calls `on_request` with each request; call `respond` later.
 
-    local: only on this machine. refused: number of submessages that were invalid or exceeded a limit.
-
-    Raises OSError if the network is not available.
+    local: only on this machine. Raises OSError if the network is not available.
     """
 
-    def __init__(self, domain: int, come: Callable[[ServiceRequest], object], local: bool = False) -> None:
+    def __init__(self, domain: int, on_request: Callable[[ServiceRequest], object], local: bool = False) -> None:
         self._domain = domain
-        self._come = come
+        self._on_request = on_request
         self._prefix = rtps.UNKNOWN_VENDOR + os.urandom(rtps.PREFIX_BYTES - 2)
         self._keys = count(1)
         self._counts = count(1)
         self._services: list[RtpsService] = []
         self._descriptions: dict[bytes, list[bytes]] = {writer: [] for writer, _ in _SEDP}
-        self._remotes: dict[bytes, Remote] = {}
+        self.remotes: dict[bytes, Remote] = {}
+        """Known participants by prefix."""
         self._lock = threading.RLock()
         self._local = local
         self._address = LOOPBACK if local else own_address()
-        self._unicast, self._port = self._bind_unicast()
+        self._unicast, self.port = self._bind_unicast()
         self._multicast = self._join()
-        self._announced = 0
+        self.announced = 0
+        """Number of announcements."""
         self.refused = 0
+        """Number of submessages that were invalid or exceeded a limit."""
         self._next_s = self._beat_s = 0.0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rtps", daemon=True)
@@ -192,7 +197,7 @@ class RtpsServices:
             self._services.append(service)
             self._describe(rtps.SUBSCRIPTIONS_WRITER, service.reader, service.request_topic, f"{typed}_Request_")
             self._describe(rtps.PUBLICATIONS_WRITER, service.writer, service.response_topic, f"{typed}_Response_")
-            for remote in self._remotes.values():
+            for remote in self.remotes.values():
                 self._tell_endpoints(remote)
         return service
 
@@ -204,7 +209,7 @@ class RtpsServices:
             service.last += 1
             service.responses[service.last] = request.response(cdr), related
             service.responses.pop(service.last - KEPT_RESPONSES, None)
-            for remote in self._remotes.values():
+            for remote in self.remotes.values():
                 if service.response_topic in remote.readers.values():
                     self._send_responses(remote, service, [service.last])
 
@@ -212,7 +217,8 @@ class RtpsServices:
         """Return the GUIDs of all readers and of all writers."""
         with self._lock:
             services = list(self._services)
-        return [self._prefix + one.reader for one in services], [self._prefix + one.writer for one in services]
+        readers = [self._prefix + service.reader for service in services]
+        return readers, [self._prefix + service.writer for service in services]
 
     def close(self) -> None:
         """Close the sockets. A second call does nothing."""
@@ -268,7 +274,17 @@ class RtpsServices:
             self._read(self._unicast)
             self._read(self._multicast)
             with self._lock:
-                self._keep_up(time.monotonic())
+                now_s = time.monotonic()
+                if now_s >= self._next_s:
+                    self._next_s = now_s + ANNOUNCED_S[0 if self.announced < FIRST_ANNOUNCEMENTS else 1]
+                    self.announced += 1
+                    self._announce()
+                if now_s >= self._beat_s:
+                    self._beat_s = now_s + HEARTBEAT_S
+                    for remote in [gone for gone in self.remotes.values() if now_s - gone.heard_s > gone.lease_s]:
+                        del self.remotes[remote.prefix]
+                    for remote in self.remotes.values():
+                        self._send_heartbeats(remote)
 
     def _read(self, end: socket.socket) -> None:
         for _ in range(MOST_AT_ONCE):
@@ -283,7 +299,7 @@ class RtpsServices:
                 for destination, part in packet.parts:
                     if destination in (self._prefix, b"\0" * rtps.PREFIX_BYTES):
                         try:
-                            self._take_in(packet.prefix, packet.vendor, part)
+                            self._on_submessage(packet.prefix, packet.vendor, part)
                         except (struct.error, IndexError, ValueError):
                             self.refused += 1
 
@@ -297,30 +313,17 @@ class RtpsServices:
 
     # Discovery
 
-    def _keep_up(self, now_s: float) -> None:
-        if now_s >= self._next_s:
-            first = self._announced < FIRST_ANNOUNCEMENTS
-            self._announced += 1
-            self._next_s = now_s + ANNOUNCED_S[0 if first else 1]
-            self._announce()
-        if now_s >= self._beat_s:
-            self._beat_s = now_s + HEARTBEAT_S
-            for remote in [one for one in self._remotes.values() if now_s - one.heard_s > one.lease_s]:
-                del self._remotes[remote.prefix]
-            for remote in self._remotes.values():
-                self._beat(remote)
-
     def _announce(self) -> None:
         """Announce to the group, and to each known participant, which may not receive the group."""
         base = 7400 + 250 * self._domain
         self._send([(GROUP, base)], [self._announcement()])
-        to = dict.fromkeys(place for remote in self._remotes.values() for place in remote.meta)
+        to = dict.fromkeys(place for remote in self.remotes.values() for place in remote.meta)
         if self._local:
             to |= dict.fromkeys((LOOPBACK, base + 10 + 2 * number) for number in LOCAL_PARTICIPANTS)
         self._send(list(to), [self._announcement()])
 
     def _announcement(self) -> bytes:
-        place = rtps.locator(self._address, self._port)
+        place = rtps.locator(self._address, self.port)
         values = [
             (rtps.PID_VERSION, rtps.VERSION),
             (rtps.PID_VENDOR, rtps.UNKNOWN_VENDOR),
@@ -343,7 +346,7 @@ class RtpsServices:
             (rtps.PID_RELIABILITY, rtps.RELIABLE),
             (rtps.PID_DURABILITY, rtps.VOLATILE),
             (rtps.PID_REPRESENTATION, struct.pack("<Ihxx", 1, 0)),
-            (rtps.PID_UNICAST, rtps.locator(self._address, self._port)),
+            (rtps.PID_UNICAST, rtps.locator(self._address, self.port)),
         ]
         self._descriptions[writer].append(rtps.PARAMETERS_LE + rtps.parameters(values))
 
@@ -359,8 +362,8 @@ class RtpsServices:
         for start in range(0, max(len(parts), 1), MOST_IN_PACKET):
             self._send(remote.meta, [*parts[start : start + MOST_IN_PACKET], beat], remote.prefix)
 
-    def _beat(self, remote: Remote) -> None:
-        """Send heartbeats to participants without a confirmation."""
+    def _send_heartbeats(self, remote: Remote) -> None:
+        """Send heartbeats to a participant that has not confirmed all samples."""
         for writer, reader in _SEDP:
             last = len(self._descriptions[writer])
             if remote.acked.get(writer, 0) < last:
@@ -371,38 +374,38 @@ class RtpsServices:
                 self._send_responses(remote, service, [])
 
     def _send_responses(self, remote: Remote, service: RtpsService, numbers: list[int]) -> None:
-        kept = service.responses
-        parts = [
-            rtps.data(rtps.NO_ENTITY, service.writer, number, kept[number][0], kept[number][1])
-            for number in numbers
-            if number in kept
-        ]
-        first = min(kept, default=service.last + 1)
+        known = [(number, *service.responses[number]) for number in numbers if number in service.responses]
+        parts = [rtps.data(rtps.NO_ENTITY, service.writer, *response) for response in known]
+        first = min(service.responses, default=service.last + 1)
         parts.append(rtps.heartbeat(rtps.NO_ENTITY, service.writer, first, service.last, next(self._counts)))
         self._send(remote.user or remote.meta, parts, remote.prefix)
 
     # Received submessages
 
-    def _take_in(self, prefix: bytes, vendor: bytes, part: Submessage) -> None:
+    def _on_submessage(self, prefix: bytes, vendor: bytes, part: Submessage) -> None:
         if part.writer == rtps.SPDP_WRITER:
             if part.kind == rtps.DATA:
                 self._on_participant(prefix, part)
             return
-        remote = self._remotes.get(prefix)
+        remote = self.remotes.get(prefix)
         if remote is None:
             return
         remote.heard_s = time.monotonic()
         if part.kind == rtps.ACKNACK:
             self._on_acknack(remote, part)
-        elif part.writer in _SEDP_READERS:
+            return
+        if part.writer in _SEDP_READERS:
             self._on_writer(remote, part, _SEDP_READERS[part.writer], remote.meta, self._on_endpoint)
-        elif (service := self._service_of(remote, part)) is not None:
-            come = lambda remote, part: self._come(_request(service, remote, vendor, part))  # noqa: E731
-            self._on_writer(remote, part, service.reader, remote.user or remote.meta, come)
+            return
+        by_reader = (known for known in self._services if known.reader == part.reader)
+        service = remote.requesters.get(prefix + part.writer) or next(by_reader, None)
+        if service is not None:
+            to = remote.user or remote.meta
+            self._on_writer(remote, part, service.reader, to, partial(self._on_sample, service, vendor))
 
     def _on_participant(self, prefix: bytes, part: Submessage) -> None:
         if part.inline.get(rtps.PID_STATUS, b"\0")[-1] & 3:
-            self._remotes.pop(prefix, None)
+            self.remotes.pop(prefix, None)
             return
         order, values = rtps.number_order(part.payload), rtps.read_parameters(part.payload)
         meta, user = (
@@ -410,15 +413,15 @@ class RtpsServices:
             for pid in (rtps.PID_META_UNICAST, rtps.PID_DEFAULT_UNICAST)
         )
         lease_s = struct.unpack(f"{order}iI", values.get(rtps.PID_LEASE, [b"\0\0\0\x14\0\0\0\0"])[0][:8])[0]
-        known = self._remotes.get(prefix)
+        known = self.remotes.get(prefix)
         if known is not None:
             known.heard_s = time.monotonic()
         elif meta:
-            if len(self._remotes) >= MOST_PARTICIPANTS:
-                del self._remotes[min(self._remotes.values(), key=lambda one: one.heard_s).prefix]
+            if len(self.remotes) >= MOST_PARTICIPANTS:
+                del self.remotes[min(self.remotes.values(), key=attrgetter("heard_s")).prefix]
                 self.refused += 1
             remote = Remote(prefix, meta, user, time.monotonic(), max(float(lease_s), 1.0))
-            self._remotes[prefix] = remote
+            self.remotes[prefix] = remote
             self._send(meta, [self._announcement()])
             self._tell_endpoints(remote)
 
@@ -435,11 +438,6 @@ class RtpsServices:
                 remote.acked[service.writer] = confirmed
                 if part.numbers or not part.final:
                     self._send_responses(remote, service, list(part.numbers))
-
-    def _service_of(self, remote: Remote, part: Submessage) -> RtpsService | None:
-        """Return the service that receives the requests of the writer of `part`."""
-        known = remote.requesters.get(remote.prefix + part.writer)
-        return known or next((one for one in self._services if one.reader == part.reader), None)
 
     def _on_writer(
         self,
@@ -466,6 +464,18 @@ class RtpsServices:
                 answer = rtps.acknack(reader, part.writer, base, missing, next(self._counts))
                 self._send(to, [answer], remote.prefix)
 
+    def _on_sample(self, service: RtpsService, vendor: bytes, remote: Remote, part: Submessage) -> None:
+        """Pass a request on, with the identity and the header that its response needs."""
+        payload, before = part.payload, b""
+        if vendor == rtps.CYCLONE:
+            end = HEADER_BYTES + CYCLONE_HEADER_BYTES
+            payload, before = payload[:HEADER_BYTES] + payload[end:], payload[HEADER_BYTES:end]
+        related = (part.inline.get(pid, b"")[:16] for pid in (rtps.PID_RELATED, rtps.PID_RELATED_EPROSIMA))
+        writer = remote.prefix + part.writer
+        client = next((guid for guid in related if len(guid) == 16 and any(guid)), writer)
+        identity = client + rtps.sequence_number(part.first)
+        self._on_request(ServiceRequest(service, payload, writer, identity, before))
+
     def _on_endpoint(self, remote: Remote, part: Submessage) -> None:
         """Process a new or removed reader of responses or writer of requests."""
         order, values = rtps.number_order(part.payload), rtps.read_parameters(part.payload)
@@ -488,18 +498,6 @@ def _check_room(table: Mapping[bytes, object], key: bytes) -> None:
     """Raises ValueError if a participant exceeds a limit."""
     if key not in table and len(table) >= MOST_ENDPOINTS:
         raise ValueError(f"more than {MOST_ENDPOINTS} endpoints of a participant")
-
-
-def _request(service: RtpsService, remote: Remote, vendor: bytes, part: Submessage) -> ServiceRequest:
-    payload, before = part.payload, b""
-    if vendor == rtps.CYCLONE:
-        end = HEADER_BYTES + CYCLONE_HEADER_BYTES
-        payload, before = payload[:HEADER_BYTES] + payload[end:], payload[HEADER_BYTES:end]
-    related = (part.inline.get(pid, b"")[:16] for pid in (rtps.PID_RELATED, rtps.PID_RELATED_EPROSIMA))
-    writer = remote.prefix + part.writer
-    whose = next((guid for guid in related if len(guid) == 16 and any(guid)), writer)
-    identity = whose + struct.pack("<iI", part.first >> 32, part.first & 0xFFFFFFFF)
-    return ServiceRequest(service, payload, writer, identity, before)
 
 
 def own_address() -> str:

@@ -16,11 +16,9 @@ from rosbags.serde import SerdeError
 from xitl_cli.plugins.ros.definitions import deserialize, from_ros1, ros1_definition, service_md5, to_ros1
 from xitl_cli.plugins.ros.discovery import Commanders
 from xitl_cli.plugins.ros.middleware import NODE_NAME, MiddlewareLosses, QosProfile
-from xitl_cli.plugins.ros.tcpros.master import SIM_TIME, Registrar, master_uri, own_host
-from xitl_cli.plugins.ros.tcpros.notes import NodeNotes
-from xitl_cli.plugins.ros.tcpros.publishing import ANY, TopicPublisher
+from xitl_cli.plugins.ros.tcpros.master import SIM_TIME, NodeNotes, Registrar, master_uri, own_host
 from xitl_cli.plugins.ros.tcpros.slave import SlaveServer
-from xitl_cli.plugins.ros.tcpros.subscribing import HEADER_S, TopicSubscriber
+from xitl_cli.plugins.ros.tcpros.topics import ANY, HEADER_S, TopicPublisher, TopicSubscriber
 from xitl_cli.plugins.ros.tcpros.wire import (
     MOST_MESSAGE,
     Header,
@@ -106,7 +104,8 @@ class TcprosMiddleware:
         self._closed = False
         self._host = host
         self._listener = socket.create_server((bound, 0))
-        self._port: int = self._listener.getsockname()[1]
+        self.port: int = self._listener.getsockname()[1]
+        """TCP port for topics and services."""
         node = "/".join(part for part in (spec.namespace.strip("/"), node_name) if part)
         self._registrar = Registrar(uri, f"/{node}", self._notes)
         self._registrar.set_parameter(SIM_TIME, True)
@@ -169,7 +168,7 @@ class TcprosMiddleware:
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         """See Middleware."""
         self._services[service] = OfferedService(type_name, answer)
-        self._registrar.add_service(service, f"rosrpc://{self._host}:{self._port}")
+        self._registrar.add_service(service, f"rosrpc://{self._host}:{self.port}")
 
     def spin(self, timeout_s: float) -> None:
         """See Middleware."""
@@ -206,7 +205,7 @@ class TcprosMiddleware:
         return out + [(peer, "i", each.topic) for each in tuple(self._subscribers.values()) for peer in each.peers]
 
     def place_of(self, topic: str) -> tuple[str, int] | None:
-        return (self._host, self._port) if topic in self._publishers else None
+        return (self._host, self.port) if topic in self._publishers else None
 
     def set_publishers(self, topic: str, uris: list[str]) -> None:
         if topic in self._subscribers and not self._closed:

@@ -199,15 +199,19 @@ class LogScene:
 
     def findings(self) -> list[SceneFinding]:
         """Run all analyses on all logs and return their findings, the worst first. It takes seconds."""
-        from xitl_cli.log_analyses import added_analyses
+        from xitl_cli.log_analyses import log_analyses
         from xitl_cli.logs.report.build import build_report
+        from xitl_cli.registry import PluginError
 
-        added = added_analyses()
+        try:
+            analyses = log_analyses()
+        except PluginError as error:
+            return [SceneFinding(None, Severity.NOTICE, "The logs are not analysed", str(error))]
         paths = list(dict.fromkeys(one.log.path for one in self._placed))
         found: list[tuple[str, SceneFinding]] = []
         for vessel in dict.fromkeys(one.log.vessel for one in self._placed):
             own = [path for path in paths if vessel in self._vessels_of(path)]
-            report = build_report(own, vessel=vessel, added=added)
+            report = build_report(own, analyses, vessel=vessel)
             found += self._of_report(report)
         return _worst_first(found)
 

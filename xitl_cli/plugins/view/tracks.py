@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
 from sim_core.frames import euler_to_quat, ned_to_enu, quat_multiply, quat_ned_frd_to_enu_flu, quat_to_matrix
-from xitl_cli.logs.analyses.missions import mission_versions
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.signals import Series, SignalSource
+from xitl_cli.logs.signals.missions import mission_versions
 from xitl_cli.logs.signals.series import column_series
 from xitl_cli.logs.signals.states import vehicle_kind
 from xitl_cli.plugins.view.model import Array, Points, VesselInstant

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
+from agent.bridges.kinds import NEEDED_LINK, NO_LINK, BridgeError, bridge_kind
 from agent.companion.settings import checked_parameter
 from agent.fcu.mission import COMMANDS, MOST_ITEMS
 from agent.fcu.parameters import checked
@@ -32,7 +33,6 @@ from xitl_cli.signing import read_key_file
 _URL = re.compile(r"(udp|tcp)://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]@?#]+):([0-9]{1,5})")
 _INTERFACE = re.compile(r"[0-9A-Za-z_.-]+|\[[0-9A-Fa-f:.]+\]")
 _CLASS = re.compile(r"([A-Za-z_]\w*(\.[A-Za-z_]\w*)*|.+\.py):[A-Za-z_]\w*")
-OWN_LINK = ("vectornav", "microstrain7")
 LOCAL_HOSTS = ("127.0.0.1", "localhost")
 MOST_GROUND_STATIONS = 2
 USUAL_PORTS = {"mavlink": "5760", "world": "9002", "sensor_link": "that of its SERIAL3, 5763 or as it was started"}
@@ -231,6 +231,9 @@ def _firmware(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyP
             )
         return
     key = f"autopilot.firmware = {shown(autopilot.firmware)}"
+    if autopilot.kind == "other":
+        yield path, f"{key}: xitl starts ArduPilot and PX4 only; start this autopilot elsewhere and use external"
+        return
     if autopilot.kind == "px4":
         yield from _started_px4(profile, autopilot, key)
     if autopilot.runs == "board":
@@ -256,9 +259,15 @@ def _firmware(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyP
 
 def _ways_in(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
     lockstep = profile.clock is not None and profile.clock.mode == "lockstep"
+    try:
+        kind = bridge_kind(bridge.sensors) if bridge.sensors else None
+    except BridgeError as error:
+        yield ("autopilot", "bridge", "sensors"), f"autopilot.bridge.sensors: {error}"
+        return
+    sets_time = kind is not None and kind.sets_time
     if bridge.world is not None and not lockstep:
         yield finding("autopilot.bridge.world", "sets the autopilot's time; use clock.mode: lockstep, or remove it")
-    if bridge.world is None and lockstep and bridge.sensors != "px4":
+    if bridge.world is None and lockstep and autopilot.kind != "px4" and not sets_time:
         yield finding(
             "clock.mode",
             "= lockstep needs autopilot.bridge.world, which sets the autopilot's time; add one such as "
@@ -269,19 +278,24 @@ def _ways_in(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> 
             "autopilot.bridge.sensors",
             "is missing: without a world it has no sensors; use for example vectornav",
         )
-    if (bridge.sensors == "px4") != (autopilot.kind == "px4"):
+    if bridge.world is not None and sets_time and autopilot.kind != "px4":
+        yield (
+            ("autopilot", "bridge", "world"),
+            f"autopilot.bridge.world: {bridge.sensors} sets the autopilot's time itself; remove it",
+        )
+    if autopilot.kind == "px4" if kind is None else autopilot.kind not in kind.autopilots:
+        fix = "use px4" if kind is None else f"use it with {' or '.join(kind.autopilots)}"
         yield finding(
             "autopilot.bridge.sensors",
-            f"= {shown(bridge.sensors)} does not work with autopilot.kind = {autopilot.kind}; "
-            "use px4 with px4, and the others with ardupilot",
+            f"= {shown(bridge.sensors)} does not work with autopilot.kind = {autopilot.kind}; {fix}",
         )
-    if bridge.sensors in OWN_LINK and bridge.sensor_link is None:
+    if kind is not None and kind.sensor_link == NEEDED_LINK and bridge.sensor_link is None:
         yield finding(
             "autopilot.bridge.sensor_link",
             f"is missing: {bridge.sensors} needs a separate line; add the port of the "
             "autopilot, such as serial:///dev/ttyUSB0?baud=921600 or tcp://127.0.0.1:5763",
         )
-    if bridge.sensor_link is not None and bridge.sensors not in (*OWN_LINK, "px4"):
+    if bridge.sensor_link is not None and (kind is None or kind.sensor_link == NO_LINK):
         yield finding(
             "autopilot.bridge.sensor_link", f"has no effect with sensors = {shown(bridge.sensors)}; remove it"
         )
@@ -348,7 +362,7 @@ def _urls(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
         free = started and url.startswith(("udp://", "tcp://")) and url.endswith(":0")
         problem = None if free else problem_of_url(url)
         if not started and url.endswith(":0"):
-            usual = USUAL_PORTS[key] if autopilot.kind == "ardupilot" else PX4_PORTS[key]
+            usual = PX4_PORTS[key] if autopilot.kind == "px4" else USUAL_PORTS[key]
             problem = f"has no port, and the autopilot is started elsewhere; use its port, usually {usual}"
         if problem is None and started and urlsplit(url).scheme not in _schemes(autopilot, key):
             scheme = _schemes(autopilot, key)[0]

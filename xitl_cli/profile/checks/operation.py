@@ -218,7 +218,7 @@ def check_technique(profile: Profile, vessels: Sequence[Profile]) -> Iterator[tu
         vessel.autopilot is not None
         and vessel.autopilot.kind != "none"
         and (
-            vessel.autopilot.kind in ("ardupilot", "px4")
+            vessel.autopilot.kind != "embedded"
             or vessel.autopilot.runs != "in-process"
             or (vessel.companion is not None and vessel.companion.runs != "in-process")
         )

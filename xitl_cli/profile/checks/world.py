@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sim_core.environment.spec import Water
 from sim_core.keys import MESH_FORMATS, SpecificationError
+from sim_core.vessel.actuators import ActuatorError
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.checks.link import problem_of_url
 from xitl_cli.profile.files.entry import KeyPath, finding, shown
@@ -46,6 +47,8 @@ def _afloat(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, st
         Vessel.from_spec(vehicle, water, 1.0 / rate_hz if rate_hz else SHORT_STEP_S)
     except SpecificationError as error:
         yield ("vehicle", *error.path), f"vehicle.{error}"
+    except ActuatorError as error:
+        yield ("vehicle", "actuators", error.name), f"{error}; correct its package"
     except ValueError as error:
         yield finding("clock.physics_rate_hz", f"= {rate_hz:g}: {error}")
 

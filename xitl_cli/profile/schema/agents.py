@@ -19,7 +19,7 @@ from sim_core.keys import (
     Specification,
     SpecificationError,
 )
-from xitl_cli.registry import DRIVERS, names
+from xitl_cli.registry import BRIDGES, DRIVERS, names
 
 Runs = Literal["in-process", "process", "board"]
 Channels = Annotated[tuple[Annotated[int, Bounds(at_least=1, at_most=32)], ...], Items(1)]
@@ -28,6 +28,7 @@ PulseSpan = Annotated[float, Bounds(above=0, at_most=1000)]
 RcChannel = Annotated[int, Bounds(at_least=1, at_most=18)]
 OwnDriver = Literal["mission", "ground-station", "script", "replay", "follow", "ros", "none"]
 OWN_DRIVERS: tuple[str, ...] = get_args(OwnDriver)
+OwnBridge = Literal["vectornav", "microstrain7", "hil", "px4"]
 RcPulse = Annotated[int, Bounds(at_least=0, at_most=2200)]
 Timeout = Annotated[float, Bounds(above=0, at_most=600)]
 Silence = Annotated[float, Bounds(at_least=1, at_most=600)]
@@ -251,8 +252,10 @@ class BridgeSpec(Specification):
     mavlink: Annotated[str, "URL of its MAVLink"] = "tcp://127.0.0.1:5760"
     world: Annotated[str | None, "where its JSON simulator interface is served, in lockstep"] = None
     sensors: Annotated[
-        Literal["vectornav", "microstrain7", "hil", "px4"] | None,
-        "format in which it gets our sensors; null: it simulates its own from the true motion",
+        OwnBridge | None,
+        "format in which it gets our sensors; null: it simulates its own from the true motion; another name: the "
+        "bridge of a package, see [plugins.md](plugins.md)",
+        MoreChoices(partial(names, BRIDGES)),
     ] = None
     sensor_link: Annotated[str | None, "URL of a separate line for the sensors"] = None
     outputs: Annotated[Channels, "its channels in the order of propellers, gears and rudders"] = (1, 3)
@@ -267,7 +270,11 @@ class AutopilotSpec(Specification):
     For an autopilot other than the embedded one, the agent is a bridge.
     """
 
-    kind: Literal["none", "embedded", "ardupilot", "px4"] = "none"
+    kind: Annotated[
+        Literal["none", "embedded", "ardupilot", "px4", "other"],
+        "other: an autopilot that is started elsewhere and gets its sensors by the bridge of a package, see "
+        "[plugins.md](plugins.md); it obeys ArduPilot's modes and commands over MAVLink",
+    ] = "none"
     runs: Annotated[Runs, "location of the agent"] = "in-process"
     link: Annotated[str | None, "URL of the agent"] = None
     system_id: Annotated[

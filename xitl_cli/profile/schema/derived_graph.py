@@ -20,7 +20,7 @@ REFERENCE = "paper/eq24-general-use"
 
 THIS_MACHINE = "this machine"
 _HERE = ("127.0.0.1", "localhost", "::1")
-_PROGRAMS = {"ardupilot": "ardurover", "px4": "PX4"}
+_PROGRAMS = {"ardupilot": "ardurover", "px4": "PX4", "other": "autopilot"}
 _ORDERS = {
     "mission": "uploads the mission and starts it",
     "ground-station": "a person at a ground station gives the orders",

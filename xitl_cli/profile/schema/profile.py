@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from sim_core.environment.spec import EnvironmentSpec
 from sim_core.keys import Bounds, Positive, RateHz, Seed, Specification
+from sim_core.vessel.actuators import ActuatorSpec
 from sim_core.vessel.spec import VesselSpec
 from sim_core.world.spec import AIS_NAME, FLEET_MMSI, SCRIPTED_MMSI, AisSpec, TrafficSpec
 from xitl_cli.errors import UserError
@@ -44,6 +45,21 @@ def plugin_keys(name: str) -> type[Any]:
     else:
         return kind.keys
     raise PluginError(f"{name}: the plug-in of {package_of(NODES, name)} {problem}; correct it")
+
+
+def registered_keys(registry: str, name: str, kind: str) -> type[Any]:
+    """Return the keys of `kind`, which a package registers in the group `registry` for `vehicle.actuators.NAME`.
+
+    Raises PluginError for a missing or unusable package.
+    """
+    keys = load(registry, kind)
+    if isinstance(keys, type) and issubclass(keys, ActuatorSpec) and is_dataclass(keys):
+        return keys
+    shown = keys.__name__ if isinstance(keys, type) else type(keys).__name__
+    raise PluginError(
+        f"{kind}: the plug-in of {package_of(registry, kind)} registers {shown} in {registry}, which is not a "
+        "dataclass that derives from sim_core.vessel.actuators.ActuatorSpec; correct it"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,6 +21,7 @@ from types import UnionType
 from typing import Any, TypeVar, get_args, get_type_hints
 
 from xitl_cli.errors import UserError
+from xitl_cli.graph.measured import Edge
 from xitl_cli.run.core.node import RunNode
 
 T = TypeVar("T")
@@ -95,6 +96,9 @@ class Part:
     """Whether a run with this setup has it."""
     also_at: Mapping[Place, str] = field(default_factory=dict)
     """Attributes of the node that are nodes at other places."""
+    edges: tuple[Edge, ...] = ()
+    """Links of the run's graph inside this machine that exist when the run has the node. Links to agents are measured:
+    see `xitl_cli.graph.measured`."""
 
 
 def part(
@@ -102,13 +106,14 @@ def part(
     when: Callable[[Any], bool] = lambda setup: True,
     provides: tuple[type, ...] = (),
     also_at: Mapping[Place, str] | None = None,
+    edges: tuple[Edge, ...] = (),
 ) -> Callable[[Callable[..., Any]], Part]:
     """Declare the decorated function as a part. provides: interfaces that it provides besides its return type."""
 
     def declare(make: Callable[..., Any]) -> Part:
         needs, returned = _signature(make)
         name = make.__name__.replace("_", " ")
-        return Part(name, make, needs, (*returned, *provides), place, when, also_at or {})
+        return Part(name, make, needs, (*returned, *provides), place, when, also_at or {}, edges)
 
     return declare
 
@@ -119,6 +124,8 @@ class Parts:
 
     _made: Mapping[type, Any]
     _placed: Sequence[tuple[Place, RunNode]]
+    edges: tuple[Edge, ...] = ()
+    """Links of the run's graph that the parts declare."""
 
     def get(self, kind: type[T]) -> T | None:
         """Return the object of this type, None when there is none."""
@@ -155,6 +162,7 @@ def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: objec
             providers[kind] = declaration
     made: dict[type, Any] = dict(given)
     placed: list[tuple[Place, RunNode]] = []
+    edges: list[Edge] = []
     begun: list[Part] = []
     done: list[Part] = []
 
@@ -182,6 +190,7 @@ def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: objec
             return
         opened.callback(getattr(node, "close", lambda: None))
         made.update(dict.fromkeys(declaration.provides, node))
+        edges.extend(declaration.edges)
         if declaration.place is not None:
             placed.append((declaration.place, node))
         for place, name in declaration.also_at.items():
@@ -190,7 +199,7 @@ def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: objec
 
     for declaration in wanted:
         make(declaration)
-    return Parts(made, placed)
+    return Parts(made, placed, tuple(edges))
 
 
 @cache

@@ -110,7 +110,11 @@ class VesselSetup:
 
     def is_driven_directly(self) -> bool:
         """Whether a driver commands a vessel without an autopilot."""
-        return not self.has_autopilot() and self.profile.driver.kind != "ros"
+        return not self.has_autopilot() and self.profile.driver.kind not in ("ros", "none")
+
+    def is_adrift(self) -> bool:
+        """Whether the vessel has neither an autopilot nor a driver."""
+        return not self.has_autopilot() and self.profile.driver.kind == "none"
 
     def has_companion(self) -> bool:
         """Whether xitl's companion is next to the autopilot."""

@@ -6,13 +6,16 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import Any
 
 from numpy.random import default_rng
 
 from xitl_cli.errors import UserError
+from xitl_cli.graph.measured import Edge
 from xitl_cli.plugin import DriverContext, NodeContext, NodeKind
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.graph import architecture, is_node_name
 from xitl_cli.record.recorder import check_added_topic
 from xitl_cli.record.topics import Topic
 from xitl_cli.registry import NODES, load, names, package_of
@@ -107,7 +110,7 @@ def autopilot(setup: VesselSetup, bridge: BridgeNode | None) -> AutopilotNode:
     options, supervision = options_from_profile(profile, setup.out, stations.urls), None
     if bridge is not None:
         options = options_from_profile(profile, setup.out, bridge=bridge.bridge)
-        supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent)
+        supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent, bridge.traffic_behind)
     node = AutopilotNode(
         profile,
         setup.seeds,
@@ -136,12 +139,21 @@ def _driver(
     return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
 
 
-@part(Place.CONTROL, when=VesselSetup.is_driven_directly)
+DRIVEN: tuple[Edge, ...] = (("D", "PS1"), ("D", "M"))
+"""The driver's commands reach the vessel and the recording."""
+
+
+@part(Place.CONTROL, when=VesselSetup.is_driven_directly, edges=DRIVEN)
 def direct(setup: VesselSetup) -> ControlNode:
     return direct_control(setup.profile, setup.others)
 
 
-@part(Place.CONTROL, when=VesselSetup.is_driven_by_nodes, provides=(ControlNode, Steering))
+@part(Place.CONTROL, when=VesselSetup.is_adrift)
+def adrift(setup: VesselSetup) -> ControlNode:
+    return direct_control(setup.profile, setup.others)
+
+
+@part(Place.CONTROL, when=VesselSetup.is_driven_by_nodes, provides=(ControlNode, Steering), edges=DRIVEN)
 def operated(setup: VesselSetup) -> OperatedControl:
     return OperatedControl(setup.profile, setup.profile.ros.silent_s)
 
@@ -274,7 +286,7 @@ def status(
     return StatusSource(setup.profile, setup.plant, control, mission.score, agents.all, in_force)
 
 
-@part(Place.TRUTH)
+@part(Place.TRUTH, edges=(("PS1", "M"),))
 def truth(setup: VesselSetup, control: ControlNode) -> TruthRecorder:
     return TruthRecorder(setup.profile, control, setup.plant)
 
@@ -299,6 +311,7 @@ VESSEL_PARTS = (
     bridge,
     autopilot,
     direct,
+    adrift,
     operated,
     autopilot_events,
     companion,
@@ -326,7 +339,7 @@ VESSEL_PARTS = (
 def _plugin_parts(setup: VesselSetup) -> list[Part]:
     """Return the nodes of the plug-ins in the vessel's profile, in the order of the profile.
 
-    Raises UserError for a plug-in that cannot be loaded, and for a topic that clashes.
+    Raises UserError for a plug-in that cannot be loaded, a topic that clashes, and an edge of an unknown node.
     """
     parts: list[Part] = []
     topics: list[Topic] = []
@@ -340,9 +353,16 @@ def _plugin_parts(setup: VesselSetup) -> list[Part]:
             except UserError as error:
                 raise UserError(f"plugins.{name} ({package_of(NODES, name)}): {error}") from error
             topics.append(topic)
+        for end in chain.from_iterable(kind.edges):
+            if not is_node_name(end):
+                raise UserError(
+                    f"plugins.{name} ({package_of(NODES, name)}): its edges name {end}, which is not a node of "
+                    f"the graph; the nodes are {', '.join(architecture())}"
+                )
         needs = (Need("control", ControlNode), *(Need(needed.__name__, needed) for needed in kind.needs))
         place = Place.PLUGINS if kind.place is None else kind.place
-        parts.append(Part(f"plugins.{name}", partial(_plugin_node, setup, name, keys, kind), needs, place=place))
+        make = partial(_plugin_node, setup, name, keys, kind)
+        parts.append(Part(f"plugins.{name}", make, needs, place=place, edges=tuple(kind.edges)))
     return parts
 
 

@@ -25,6 +25,7 @@ from agent.wire.link import Link
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
 from sim_core.world.contact import Contacts
+from xitl_cli.graph.measured import Edge
 from xitl_cli.record.mcap_file import ChannelMirror
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand
@@ -166,6 +167,8 @@ class VesselNodes:
     """All nodes in the order of the calls, with `control`."""
     awaited: bool = True
     """The run waits until this vessel has finished."""
+    edges: tuple[Edge, ...] = ()
+    """Links of the run's graph that the nodes declare."""
 
     @property
     def ahead(self) -> tuple[RunNode, ...]:

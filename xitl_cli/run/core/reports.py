@@ -147,10 +147,6 @@ class FaultReport:
         return asdict(self)
 
 
-Traffic = dict[str, dict[str, dict[int, int]]]
-"""Frames that crossed each link: by link (`agent`), by direction (`tx` to the agent, `rx` from it), by message id."""
-
-
 def troubles(report: type) -> dict[str, str]:
     """Return the counters of a report that a sound run leaves at 0: the words after the number, by key of the summary.
 

@@ -20,6 +20,7 @@ from agent.wire.link import Link
 from agent.wire.signing import Signing
 from agent.wire.transport import Transport
 from xitl_cli.errors import UserError
+from xitl_cli.graph.measured import AgentTraffic
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import LinkReport
@@ -27,7 +28,7 @@ from xitl_cli.run.core.faults import FaultsInForce
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.links.inbox import OWN_IDS, AgentInbox
-from xitl_cli.run.links.link_accounts import node_report
+from xitl_cli.run.links.link_accounts import agent_traffic, node_report
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import Plans, set_parameters, upload_plan
 
@@ -167,6 +168,8 @@ class Supervision:
     """Raises UserError when the autopilot is known to have ended."""
     why_silent: Callable[[float, float], UserError] | None = None
     """Returns the error for so many seconds of silence until a second of simulation time."""
+    traffic_behind: Callable[[AgentTraffic], AgentTraffic] = lambda agent: agent
+    """Returns the traffic of the autopilot behind the agent, for the graph of the run."""
 
 
 class AgentConnection:
@@ -596,13 +599,14 @@ class AgentConnection:
 
 def connections_report(agents: Sequence[AgentConnection]) -> dict[str, Any]:
     """Return the connections' part of a run's report: links, tasks, clocks and nodes, and the traffic for its graph."""
+    nodes = [(agent, report) for agent in agents if (report := agent.node()) is not None]
     return {
         "links": [report for agent in agents for report in agent.links()],
         "tasks": [task for agent in agents for task in agent.inbox.view.tasks.values()],
         "clocks": [agent.inbox.timing.report() for agent in agents],
-        "nodes": [report for agent in agents if (report := agent.node()) is not None],
+        "nodes": [report for _, report in nodes],
         "warnings": [text for agent in agents for text in agent.warnings()],
-        "traffic": {agent.name: agent.inbox.traffic for agent in agents},
+        "agents": [agent_traffic(report, agent.links(), agent.inbox.traffic) for agent, report in nodes],
     }
 
 

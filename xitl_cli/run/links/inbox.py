@@ -76,7 +76,8 @@ class AgentInbox:
 
     `on_message` gets every message except those of the host-agent protocol. command: the latest motor commands. They
     answer `answered_tick` and arrived at command_ns on the host's monotonic clock. fresh: whether commands arrived
-    since it was set to False. no_run: the latest status without a run; a delayed status of the run may follow it.
+    since it was set to False. undriven: number of the last commands, out of `motors`, that the agent does not give and
+    that stay 0. no_run: the latest status without a run; a delayed status of the run may follow it.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class AgentInbox:
         lockstep: bool,
         on_estimate: OnEstimate,
         on_message: Callable[[Any], object] = lambda message: None,
+        undriven: int = 0,
     ) -> None:
         node = _NODES.get(name, name)
         self._vehicle_sim_ns: Callable[[int], int | None] = self.sim_ns
@@ -97,6 +99,7 @@ class AgentInbox:
         self.accounts = LinkAccounts()
         self.traffic: dict[str, dict[int, int]] = {"tx": {}, "rx": {}}
         self.command = MotorCommand((0.0,) * motors)
+        self._undriven = (0.0,) * undriven
         self.command_ns = 0
         self.answered_tick = -1
         self.fresh = False
@@ -182,7 +185,7 @@ class AgentInbox:
     # One message each
 
     def _on_actuators(self, message: Any) -> None:
-        flags, motors, taken = message.flags, commands_of(message), len(self.command.motors)
+        flags, motors, taken = message.flags, commands_of(message) + self._undriven, len(self.command.motors)
         armed = bool(flags & dialect.XITL_ACTUATOR_FLAGS_ARMED)
         if len(motors) != taken:
             if armed:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 from agent.wire import dialect
 from agent.wire.link import Link
+from xitl_cli.graph.measured import AgentTraffic
 from xitl_cli.record.topics import RECEIVER, SENDER, LinkReport, NodeState
 from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.core.statistics import Histogram
@@ -150,6 +151,27 @@ def node_report(link: str, info: Any, status: Any) -> NodeReport:
         temperature_c=_temperature_c(status),
         cpu_percent=_cpu_percent(status),
         **{count.name: getattr(status, count.name) for count in fields(NodeReport) if count.metadata},
+    )
+
+
+def agent_traffic(
+    node: NodeReport, links: Sequence[LinkReport], frames: Mapping[str, Mapping[int, int]]
+) -> AgentTraffic:
+    """Return the traffic of an agent for the graph of the run.
+
+    links: reports of its links. If no sensor frame arrived, no frame to the agent counts. frames: numbers of frames by
+    direction (`tx` to the agent, `rx` from it) and message id.
+    """
+    sensors = "sensors" if node.link == "agent" else f"{node.link} sensors"
+    cut = any(link.name == sensors and link.received == 0 for link in links)
+    return AgentTraffic(
+        nodes=node.nodes,
+        kind=node.kind,
+        machine=node.machine,
+        to_agent={} if cut else frames["tx"],
+        from_agent=frames["rx"],
+        estimates=node.estimates,
+        efforts=node.efforts,
     )
 
 

@@ -87,7 +87,7 @@ def _functions(used: dict[int, int]) -> dict[str, float]:
 def _motors(vessel: VesselSpec, base_mps: float) -> dict[str, float]:
     propellers = vessel.propellers[:MOTORS]
     functions = {number: _FIRST_MOTOR + number - 1 for number in range(1, len(propellers) + 1)}
-    functions |= dict.fromkeys(range(len(propellers) + 1, min(vessel.commands, OUTPUTS) + 1), _STEERING)
+    functions |= dict.fromkeys(range(len(propellers) + 1, min(vessel.own_commands, OUTPUTS) + 1), _STEERING)
     values = _functions(functions)
     if vessel.rudders:
         values["MOT_SPD_SCA_BASE"] = base_mps

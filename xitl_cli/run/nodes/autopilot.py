@@ -109,13 +109,16 @@ class AutopilotNode(ControlNode):
 
     def _connection(self, name: str) -> AgentConnection:
         profile, key = self._profile, self._profile.autopilot.link_key_file
+        vehicle = profile.vehicle
+        added = vehicle.commands - vehicle.own_commands if profile.autopilot.kind == "embedded" else 0
         inbox = AgentInbox(
             name,
             self._frame,
-            profile.vehicle.commands,
+            vehicle.commands,
             self._lockstep,
             partial(self._on_estimate, name),
             partial(self._on_message, name),
+            added,
         )
         signing = None if key is None else Signing(read_key_file(key, "autopilot.link_key_file"))
         why_silent = self._supervision.why_silent if name == "agent" else None
@@ -283,8 +286,10 @@ class AutopilotNode(ControlNode):
 
     def report(self) -> dict[str, Any]:
         score = self._check.score
+        connections = connections_report(self.agents)
         return {
-            **connections_report(self.agents),
+            **connections,
+            "agents": [self._supervision.traffic_behind(agent) for agent in connections["agents"]],
             "estimation": {
                 "position_rms_m": score.position_rms_m,
                 "position_nees": score.position_nees,

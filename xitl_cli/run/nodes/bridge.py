@@ -7,20 +7,23 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.bridges.counts import BridgeCounts
+from agent.bridges.guard import FAILED
 from agent.mavlink.commands import version_text
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.process import CONSOLE, FirmwareProcess, newest_log
+from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Table, first_of
@@ -28,6 +31,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.core.plugin_error import PluginNodeError
 from xitl_cli.run.launch.ardupilot import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.launch.px4 import Px4Launch
 from xitl_cli.run.links.agent_view import AgentView
@@ -248,6 +252,7 @@ class BridgeNode(RunNode):
         self._version = ""
         self._vehicle = ""
         self._problem: str | None = None
+        self._failure = ""
         self._exchanges = 0
         self._restarts: int | None = None
         self._text = ""
@@ -329,7 +334,9 @@ class BridgeNode(RunNode):
                 self._note(message.severity, text)
 
     def _note(self, severity: int, text: str) -> None:
-        if severity <= dialect.MAV_SEVERITY_ERROR and text.startswith(WRONG_VEHICLE):
+        if severity <= dialect.MAV_SEVERITY_CRITICAL and text.startswith(BRIDGE + FAILED):
+            self._failure = self._failure or text.removeprefix(BRIDGE + FAILED)
+        elif severity <= dialect.MAV_SEVERITY_ERROR and text.startswith(WRONG_VEHICLE):
             self._problem = text.removeprefix(BRIDGE)
         elif text.startswith(BRIDGE) and severity > dialect.MAV_SEVERITY_WARNING:
             self._complaints.clear()
@@ -354,7 +361,7 @@ class BridgeNode(RunNode):
             )
         self._check_restart(sim_ns)
         self._exchanges += 1
-        if self._problem is not None or self._exchanges % CHECK_EVERY == 0:
+        if self._failure or self._problem is not None or self._exchanges % CHECK_EVERY == 0:
             self.check()
 
     def _check_restart(self, sim_ns: int) -> None:
@@ -372,14 +379,16 @@ class BridgeNode(RunNode):
 
     def _other_make(self, mav_autopilot: int) -> str | None:
         wanted = self._profile.autopilot.kind
-        if mav_autopilot == _MAKES[wanted]:
+        if mav_autopilot == _MAKES.get(wanted, mav_autopilot):
             return None
         names = {number: name for name, number in _MAKES.items()}
         name = names.get(mav_autopilot, "another one")
         return f"the autopilot is {name} (MAV_AUTOPILOT {mav_autopilot}), not {wanted}"
 
     def check(self) -> None:
-        """Raise UserError when the autopilot has ended or is the wrong kind."""
+        """Raise UserError when the bridge of a package has failed, or the autopilot has ended or is the wrong kind."""
+        if self._failure:
+            raise PluginNodeError(f"autopilot.bridge.sensors: {self._failure}")
         if self._problem is not None:
             raise UserError(f"{self._problem}; use the firmware of one, or another autopilot.bridge.mavlink")
         if self._process is None:
@@ -449,6 +458,10 @@ class BridgeNode(RunNode):
         self.end()
         self._ports.close()
 
+    def traffic_behind(self, bridge: AgentTraffic) -> AgentTraffic:
+        """Return the traffic of the autopilot behind the bridge, for the graph of the run."""
+        return traffic_behind(self._profile, self.milestones.heartbeat_s is not None, self._counts, bridge)
+
     def report(self) -> dict[str, Any]:
         clocks = [] if self._clock is None else [self._clock.report()]
         return {"clocks": clocks, "autopilot": self.known()}
@@ -468,6 +481,26 @@ class BridgeNode(RunNode):
             real_clock=None if self._launch is None else autopilot.firmware_build == "linux",
             utc_offset_s=None if self._clock is None else self._clock.utc_offset_s,
         )
+
+
+def traffic_behind(profile: RunProfile, heard: bool, counts: BridgeCounts | None, bridge: AgentTraffic) -> AgentTraffic:
+    """Return the traffic of the autopilot behind a bridge, for the graph of the run.
+
+    The autopilot is present when a heartbeat arrived. It gets the frames that the bridge could pass on. An autopilot at
+    a serial device is a board, except at a pseudo terminal, which a program on this machine serves.
+    """
+    if not heard:
+        return replace(bridge, nodes="", to_agent={}, from_agent={}, estimates=0, efforts=0)
+    passed_on = ("script_in",) if profile.autopilot.bridge.sensors == "hil" else ("imu_out", "solution_out", "gnss_out")
+    to_agent, from_agent = dict(bridge.to_agent), dict(bridge.from_agent)
+    if counts is None or not any(getattr(counts, count) for count in passed_on):
+        to_agent = {number: frames for number, frames in to_agent.items() if number not in SENSORS}
+    if not bridge.efforts:
+        from_agent.pop(ACTUATORS, None)  # neutral commands from the bridge itself
+    kind, machine, device = bridge.kind, bridge.machine, urlsplit(profile.autopilot.bridge.mavlink)
+    if device.scheme == "serial" and not Path(device.path).resolve().is_relative_to("/dev/pts"):
+        kind, machine = "real", f"board at {device.path}"
+    return replace(bridge, kind=kind, machine=machine, to_agent=to_agent, from_agent=from_agent)
 
 
 def _vehicle(mav_type: int) -> str:

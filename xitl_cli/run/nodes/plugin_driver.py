@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from agent.entry_points import OWN_PACKAGE
 from xitl_cli.plugin import DriverContext, DriverKind
-from xitl_cli.registry import DRIVERS, OWN_PACKAGE, load, package_of
+from xitl_cli.registry import DRIVERS, load, package_of
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.plugin_error import PluginNodeError
 from xitl_cli.run.core.reports import Progress

@@ -11,6 +11,7 @@ from agent.wire import dialect
 from xitl_cli.profile.schema.agents import CompanionSpec
 from xitl_cli.run.core.node import RunContext, RunNode
 from xitl_cli.run.core.reports import NodeReport
+from xitl_cli.run.links.link_accounts import agent_traffic
 
 LINK, ASKED = "ros", "ros"
 NODES = "HS,HC,HA"
@@ -58,4 +59,4 @@ class RosCompanionNode(RunNode):
             estimates=seen,
             efforts=orders,
         )
-        return {"nodes": [node], "traffic": {LINK: {"tx": told, "rx": given}}}
+        return {"nodes": [node], "agents": [agent_traffic(node, [], {"tx": told, "rx": given})]}

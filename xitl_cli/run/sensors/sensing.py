@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from numpy.random import default_rng
 
+from agent.bridges.kinds import bridge_kinds
 from sim_core.environment.wind import Air, make_wind
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame, normal_gravity_mps2
@@ -30,8 +31,6 @@ from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
 from xitl_cli.run.world.world import local_frame, magnetic_field_ned_gauss
 from xitl_cli.seeds import Seeds
-
-BRIDGED = ("ardupilot", "px4")
 
 
 class SensorSuite:
@@ -160,7 +159,9 @@ def _further_channels(
     if (pose := messages.odometry) is not None:
         encode = sensor_messages.odometry(pose.velocity_noise_mps, pose.rate_noise_radps)
         yield SensorChannel(Odometry(pose), default_rng(seeds.sequence("odometry")), physics_hz, encode)
-    if profile.autopilot.bridge.world is not None and profile.autopilot.kind in BRIDGED:
+    bridge = profile.autopilot.bridge
+    bridged = profile.autopilot.kind not in ("none", "embedded")
+    if bridged and any(kind.truth for kind in bridge_kinds(bridge.world, bridge.sensors)):
         vane = None
         if sensors.wind_vane is not None:
             steady, areas_m = make_wind(profile.environment.wind), profile.vehicle.wind.centre_height_m

@@ -76,7 +76,7 @@ def test_one_that_does_not_start_leaves_the_old_one(tmp_path: Path) -> None:
     where = install_places(False, tmp_path)
     install(archive(), NOTHING, where)
     before = (where.programs / ARCHIVE).read_bytes()
-    with pytest.raises(InstallError, match=r"does not start with Python .*no such thing.*untouched"):
+    with pytest.raises(InstallError, match=r"does not start with Python .*no such thing.*unchanged"):
         install(archive("raise SystemExit('no such thing')"), NOTHING, where)
     assert (where.programs / ARCHIVE).read_bytes() == before
     assert [path.name for path in where.programs.iterdir()] == [ARCHIVE]

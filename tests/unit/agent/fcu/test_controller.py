@@ -110,7 +110,7 @@ def test_a_failing_controller_is_neutral_said_once_and_counted(answer: Any) -> N
     assert seen[56] == going
     assert ship.autopilot.controller.failures == 5
     assert len([text for text in ship.said if text.startswith("Controller failed, outputs neutral: ")]) == 1
-    assert ship.said.count("Controller answers again") == 1
+    assert ship.said.count("Controller works again") == 1
     assert ship.autopilot.state.armed
     assert ship.mode == "LOITER"
 
@@ -128,7 +128,7 @@ def test_as_many_commands_as_the_vessel_takes_and_no_others() -> None:
     ship = SteeredBoat(make_controller=scripted(Motors(0.25, 0.5, 0.1))).set_out(modes.LOITER)
     ship.sail(0.1)
     assert ship.command == (0.0, 0.0)
-    said = "Controller failed, outputs neutral: it answered 3 commands, and the vessel takes 2"
+    said = "Controller failed, outputs neutral: it returned 3 commands, but the vessel takes 2"
     assert said in ship.said
     ship = SteeredBoat(make_controller=scripted(Demand(0.25, 0.0, 0.5)), MOT_SLEWRATE=0.0).set_out(modes.LOITER)
     ship.sail(0.1)
@@ -166,19 +166,19 @@ def test_a_constructor_that_raises_keeps_the_vessel_in_harbour() -> None:
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        ("", "is not one; write module:Class or path/to/file.py:Class"),
-        ("agent.fcu.control.heading_speed", "is not one; write module:Class"),
-        ("agent.fcu.control.heading_speed:no-name", "is not one"),
+        ("", "is not valid; write module:Class or path/to/file.py:Class"),
+        ("agent.fcu.control.heading_speed", "is not valid; write module:Class"),
+        ("agent.fcu.control.heading_speed:no-name", "is not valid"),
         ("agent.fcu.no_such:HeadingSpeedController", "no module 'agent.fcu.no_such'"),
-        ("no_such.py:HeadingSpeedController", "there is no file no_such.py"),
+        ("no_such.py:HeadingSpeedController", "file no_such.py does not exist"),
         (
             "agent.fcu.control.heading_speed:Healm",
             "agent.fcu.control.heading_speed has no Healm; it has HeadingSpeedController",
         ),
         ("agent.fcu.control.heading_speed:speed_control", "speed_control is not a class"),
-        ("agent.fcu.control.allocation:ThrustAllocator", "ThrustAllocator lacks control"),
-        ("{file}:NoArguments", "NoArguments has to take (parameters)"),
-        ("{file}:WrongControl", "WrongControl.control has to take (order, estimate, dt_s)"),
+        ("agent.fcu.control.allocation:ThrustAllocator", "ThrustAllocator has no control"),
+        ("{file}:NoArguments", "NoArguments must accept (parameters)"),
+        ("{file}:WrongControl", "WrongControl.control must accept (order, estimate, dt_s)"),
         ("{broken}:Any", "cannot be loaded (ZeroDivisionError: division by zero)"),
         ("{text}:Any", "cannot be loaded (SyntaxError"),
         ("{importing}:Any", "no module 'not_installed_here'"),

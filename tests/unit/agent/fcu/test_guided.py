@@ -91,7 +91,7 @@ def test_guided_course_and_turn_rate() -> None:
         (lambda a: a.commands.set_turn_rate(math.nan, 1.0), "turn rate nan"),
         (lambda a: a.commands.set_home(math.nan, 0.0, 0.0), "not on Earth"),
         (lambda a: a.commands.set_home(1.0, 1.0, math.nan), "altitude nan"),
-        (lambda a: a.commands.set_current(7), "mission item 7 is not there"),
+        (lambda a: a.commands.set_current(7), "mission item 7 does not exist"),
         (lambda a: a.commands.change_speed(math.nan), "speed nan m/s"),
     ],
 )

@@ -122,7 +122,7 @@ def test_parameters_are_read_and_set() -> None:
     [
         (b"FS_ACTION", 2.5, 2.0, "FS_ACTION = 2.5 is not a whole number; use 0 to 6", 2),
         (b"FS_ACTION", 7.0, 2.0, "FS_ACTION = 7 is out of range; use 0 to 6", 2),
-        (b"INITIAL_MODE", 14.0, 4.0, "INITIAL_MODE = 14 stands for nothing; use one of 0, 1, 2, 3", 2),
+        (b"INITIAL_MODE", 14.0, 4.0, "INITIAL_MODE = 14 is not one of the choices; use one of 0, 1, 2, 3", 2),
         (b"FRAME_CLASS", 1.0, 2.0, "FRAME_CLASS = 1 is refused: it is 2 and cannot be set", 5),
     ],
 )

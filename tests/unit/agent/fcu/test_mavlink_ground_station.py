@@ -144,7 +144,7 @@ def test_reposition_changes_the_mode_when_it_may(station: MavlinkChannel) -> Non
         (long(mav.MAV_CMD_DO_REPOSITION, 0, 1.0, 0, 0, math.nan, 1.0), "Reposition refused: position nan, 1 is not on"),
         (long(mav.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, math.inf, 1.0, 0.0), "position inf, 1 is not on Earth"),
         (long(mav.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, 1.0, 1.0, math.nan), "altitude nan m"),
-        (long(mav.MAV_CMD_DO_SET_MISSION_CURRENT, 7.0), "mission item 7 is not there"),
+        (long(mav.MAV_CMD_DO_SET_MISSION_CURRENT, 7.0), "mission item 7 does not exist"),
     ],
 )
 def test_bad_commands_are_denied_in_words(station: MavlinkChannel, message: Any, words: str) -> None:
@@ -411,8 +411,8 @@ def test_velocity_heading_and_turn_rate(station: MavlinkChannel) -> None:
         (world(POSITION, 1, 1, frame=1), "Global target refused: frame 1"),
         (local(VELOCITY, vx=math.inf), "Local target refused: not all of its values are numbers"),
         (local(YAW, yaw=math.nan), "Local target refused: not all of its values are numbers"),
-        (local(0x0FFF), "nothing in it counts"),
-        (local(0x0C3F, afx=1.0), "type mask 0x0c3f asks for what a boat does not do"),
+        (local(0x0FFF), "its type mask ignores every value"),
+        (local(0x0C3F, afx=1.0), "a boat does not support type mask 0x0c3f"),
         (world(VELOCITY, vx=1000.0), "velocity 1000, 0 m/s"),
     ],
 )

@@ -122,7 +122,7 @@ def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> N
         said += channel.poll(tick * SECOND // 50)
     assert requests(said) == [1] * 5
     assert acks(said) == [mav.MAV_MISSION_OPERATION_CANCELLED]
-    assert "Mission upload given up: item 1 did not come" in texts(said)
+    assert "Mission upload cancelled: item 1 did not arrive" in texts(said)
     assert channel.autopilot.navigator.mission == old
 
 
@@ -244,7 +244,7 @@ def test_set_current_is_answered_and_refused_in_words() -> None:
     assert (reply.get_type(), reply.seq) == ("MISSION_CURRENT", 2)
     (reply,) = channel.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 9)), 0)
     assert reply.seq == 2
-    assert "mission item 9 is not there" in texts(channel.poll(0))
+    assert "mission item 9 does not exist" in texts(channel.poll(0))
 
 
 def test_a_station_may_end_its_upload() -> None:

@@ -242,7 +242,7 @@ def test_a_jump_to_a_tag_that_is_not_there_ends_the_mission() -> None:
     vessel = Vessel(at(4.0, 0.0), do(DO_JUMP_TAG, 9.0, 1.0), at(12.0, 0.0))
     assert vessel.sail(30.0)
     assert vessel.progress.drain_reached() == [1]
-    assert "Mission: 2 JumpToTag to 9: not there, mission ends" in vessel.said
+    assert "Mission: 2 JumpToTag to 9: no such item, mission ends" in vessel.said
 
 
 def test_a_servo_may_blink_by_a_jump() -> None:

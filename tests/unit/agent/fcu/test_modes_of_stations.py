@@ -153,7 +153,7 @@ def test_a_servo_is_moved_to_and_fro() -> None:
         seen.append(servos.widths_us[4])
     assert [seen[at] for at in (0, 5, 10, 20, 30, 59)] == [1900, 1900, 1500, 1900, 1500, 1500]
     assert servos.repeat(5, 1900, 1, math.nan) == ""
-    assert "not there" in servos.set(17, 1500)
+    assert "does not exist" in servos.set(17, 1500)
     assert "use 500 to 2500" in servos.set(5, 100)
 
 

@@ -271,7 +271,7 @@ def test_a_file_service_that_is_silent_is_given_up_and_the_session_ended() -> No
 
     line = Line(handle)
     line.run(write := ftp.FtpClient(VEHICLE).start(ftp.write_file("/scripts/a.lua", b"1")))
-    with pytest.raises(ftp.FtpSilentError, match="does not answer to MAVLink FTP"):
+    with pytest.raises(ftp.FtpSilentError, match="does not answer MAVLink FTP"):
         _ = write.result
     assert vehicle.done == [ftp.CREATE, ftp.TERMINATE]
     assert len(line.sent) == 1 + ftp.TRIES + 1

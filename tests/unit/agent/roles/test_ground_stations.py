@@ -178,7 +178,7 @@ def test_silent_ones_lock_nobody_out_and_the_one_that_speaks_stays(world: World)
     silent = [world.call(2 + number) for number in range(MOST_CLIENTS - 1)]
     newest = world.call(99)
     oldest = f"tcp://127.0.0.1:{port_of(silent[0])}"  # of those that never spoke
-    assert f"Station {oldest} made room" in world.until(speaks, of("STATUSTEXT")).text
+    assert f"Idle station {oldest} dropped" in world.until(speaks, of("STATUSTEXT")).text
     assert world.until(newest, of("HEARTBEAT"))
     counters = world.stations.counters
     assert (counters.connected, counters.dropped) == (MOST_CLIENTS, 1)
@@ -211,7 +211,7 @@ def test_without_a_descriptor_nobody_is_woken_for_those_who_call(world: World, m
         patched.setattr(socket.socket, "accept", exhausted)
         newest = world.call(2)
         assert len(world.stations.descriptors()) == len(port) - 1
-        assert "No descriptor left" in world.until(listens, of("STATUSTEXT")).text
+        assert "No file descriptor left" in world.until(listens, of("STATUSTEXT")).text
     wait_until(lambda: set(world.stations.descriptors()) == port)
     assert world.until(newest, of("HEARTBEAT"))
 

@@ -95,7 +95,7 @@ def test_what_no_longer_fits_is_left_out_and_said(tmp_path: Path) -> None:
 def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "kept.json"
     path.write_text(text)
-    with pytest.raises(StorageError, match=r"kept\.json: is no storage file .*; move it away to start afresh"):
+    with pytest.raises(StorageError, match=r"kept\.json: is not a storage file .*; move it away to start"):
         Storage(path)
 
 
@@ -104,7 +104,7 @@ def test_another_format_and_no_folder_are_refused(tmp_path: Path) -> None:
     path.write_text('{"format": 3}')
     with pytest.raises(StorageError, match="has format 3, this release reads 2; move it away"):
         Storage(path)
-    with pytest.raises(StorageError, match=r"there is no folder .*; make it or choose another file"):
+    with pytest.raises(StorageError, match=r"there is no folder .*; create it or choose another file"):
         Storage(tmp_path / "no" / "kept.json")
 
 

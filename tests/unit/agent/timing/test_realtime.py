@@ -90,7 +90,7 @@ def test_processors_that_are_not_there_change_nothing() -> None:
     before = sorted(os.sched_getaffinity(0))
     there = ", ".join(map(str, before))
     said, after = in_a_process(f"told = [realtime.pin(({before[0]}, 4000)), sorted(os.sched_getaffinity(0))]")
-    assert said == f"not pinned: processor 4000 cannot be had; use one of {there}"
+    assert said == f"not pinned: processor 4000 is not available; use one of {there}"
     assert after == before
 
 

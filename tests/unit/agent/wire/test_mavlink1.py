@@ -101,7 +101,7 @@ def test_a_link_answers_in_the_version_that_it_hears() -> None:
     there.send(heartbeat(old, client(old)))
     link.receive()
     assert version() == 0xFE
-    with pytest.raises(MessageRefusedError, match="PARAM_ERROR: MAVLink 1"):
+    with pytest.raises(MessageRefusedError, match="PARAM_ERROR: the other end uses MAVLink 1"):
         link.send(dialect.MAVLink_param_error_message(1, 1, b"X", -1, 1))
     there.send(heartbeat(new, client(new)))
     link.receive()

@@ -133,7 +133,7 @@ def test_keys_come_as_digits_or_as_a_passphrase() -> None:
     assert read_key(KEY.hex().upper() + "\n", "key.txt") == KEY
     assert read_key("key\n", "key.txt") == KEY
     assert read_key("z" * 64, "key.txt") == hashlib.sha256(b"z" * 64).digest()
-    with pytest.raises(SigningKeyError, match=r"key\.txt: holds no signing key; write 64 hexadecimal digits"):
+    with pytest.raises(SigningKeyError, match=r"key\.txt: contains no signing key; write 64 hexadecimal digits"):
         read_key(" \n", "key.txt")
     with pytest.raises(ValueError, match="a key of 3 bytes; use 32"):
         Signing(b"abc")

@@ -112,19 +112,23 @@ def test_any_text_is_a_url_or_a_sentence(scheme: str, rest: str) -> None:
         (
             "serial:///dev/gone?baud=9600",
             AddressUnavailableError,
-            "serial:///dev/gone?baud=9600: there is no /dev/gone on this machine; plug it in, or look for its name",
+            "serial:///dev/gone?baud=9600: this machine has no /dev/gone; plug the device in, or find its name",
         ),
         (
             "can://slcan/dev/gone?bitrate=500000",
             AddressUnavailableError,
-            "can://slcan/dev/gone?bitrate=500000: there is no /dev/gone on this machine; plug the adapter in",
+            "can://slcan/dev/gone?bitrate=500000: this machine has no /dev/gone; plug the adapter in",
         ),
         (
             "serial:///dev/null?baud=9600",
             TransportError,
             "serial:///dev/null?baud=9600: cannot be opened as a serial port (",
         ),
-        ("can://slcan/dev/gone?bitrate=123456", TransportError, "can://slcan/dev/gone?bitrate=123456: there is no"),
+        (
+            "can://slcan/dev/gone?bitrate=123456",
+            TransportError,
+            "can://slcan/dev/gone?bitrate=123456: this machine has",
+        ),
     ],
 )
 def test_a_device_that_cannot_be_opened_is_said_in_one_sentence(

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 
 from tests.recorded import CALM, LOGS, MISSION_TLOG
 from xitl_cli.errors import UserError
-from xitl_cli.logs.analyses import catalogue
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Section
 from xitl_cli.plugins.logs import analyze_command
+from xitl_cli.plugins.logs.analyses import power
 
 app = typer.Typer()
 app.command("analyze")(analyze_command.analyze)
@@ -106,12 +106,10 @@ def test_a_bad_file_has_its_sentence_and_the_others_are_analysed(tmp_path: Path)
 
 
 def test_an_analysis_that_breaks_is_told_and_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = catalogue.load_analysis
-
     def broken(log: Log) -> Section | None:
         raise ZeroDivisionError("no rows")
 
-    monkeypatch.setattr(catalogue, "load_analysis", lambda name: broken if name == "power" else known(name))
+    monkeypatch.setattr(power, "analyse", broken)
     code, text = run("analyze", CALM, "--section", "power", "--section", "modes")
     assert code == 1
     assert "the analysis of power failed at" in text

@@ -248,7 +248,7 @@ def test_a_px4_keeps_whole_numbers_in_their_bytes(params: Params, tmp_path: Path
         assert [row["name"] for row in told["differs"]] == ["CA_R_REV", "RO_SPEED_LIM"]
         assert params("push", str(tmp_path / "wanted.params"), url).code == 0
         assert rover.values == {"CA_R_REV": 1, "CAL_ACC0_ID": 1310988, "RO_SPEED_LIM": 2.5}
-        assert "is no value of this whole-number parameter" in params("set", url, "CA_R_REV=1.5").error
+        assert "is not a value of this integer parameter" in params("set", url, "CA_R_REV=1.5").error
         assert params("set", url, "CA_R_REV=2").code == 0
         assert rover.values["CA_R_REV"] == 2
         assert "push without --with-script" in params("push", "px4-rover", url, "--with-script").error

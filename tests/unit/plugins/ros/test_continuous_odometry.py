@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from xitl_cli.plugins.ros.continuous_odometry import ContinuousOdometry, rotated
+from xitl_cli.plugins.ros.conversion import ContinuousOdometry, rotated
 
 PERIOD_NS = 40_000_000
 

@@ -8,7 +8,7 @@ import pytest
 
 from tests.golden import Golden
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.ros.lockstep import RosLockstepNode
+from xitl_cli.plugins.ros.live_ros import RosLockstepNode
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.profile.schema.ros import RosLockstepSpec
 from xitl_cli.run.core.node import RunContext, RunStep

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from agent.board.doctor import WARNING
-from xitl_cli.plugins.ros.readiness import check_ros
+from xitl_cli.plugins.ros.middleware_choice import check_ros
 
 
 def test_the_way_into_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

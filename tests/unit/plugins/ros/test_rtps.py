@@ -15,7 +15,6 @@ from ros2 import own_domain
 
 from tests.memory_size import size_bytes
 from tests.patience import PATIENCE_S, wait_until
-from tests.unit.plugins.ros.ports import port_of
 from xitl_cli.plugins.ros import rtps, rtps_services
 from xitl_cli.plugins.ros.rtps_services import MOST_AHEAD, MOST_ENDPOINTS, MOST_PARTICIPANTS, Received, RtpsServices
 
@@ -134,7 +133,7 @@ class Peer:
     """Another participant, by hand: `say` sends submessages as that of this prefix."""
 
     def __init__(self, services: RtpsServices) -> None:
-        self._to = ("127.0.0.1", port_of(services))
+        self._to = ("127.0.0.1", services.port)
         self._end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def say(self, *parts: bytes, prefix: bytes = PREFIX) -> None:
@@ -159,14 +158,9 @@ def peer(services: RtpsServices) -> Iterator[Peer]:
     made.close()
 
 
-def participants(services: RtpsServices) -> dict[bytes, Any]:
-    """Known participants by prefix."""
-    return services._remotes
-
-
 def remote_of(services: RtpsServices) -> Any:
-    wait_until(lambda: PREFIX in participants(services))
-    return participants(services)[PREFIX]
+    wait_until(lambda: PREFIX in services.remotes)
+    return services.remotes[PREFIX]
 
 
 def test_who_has_more_endpoints_than_may_be_is_refused_and_counted(services: RtpsServices, peer: Peer) -> None:
@@ -186,10 +180,10 @@ def test_of_too_many_participants_who_was_not_heard_for_longest_is_forgotten(
     for number in range(MOST_PARTICIPANTS + 5):
         prefix = struct.pack(">III", 1, 2, number)
         peer.say(ANNOUNCED, prefix=prefix)
-        wait_until(lambda prefix=prefix: prefix in participants(services))  # type: ignore[misc]
-    assert len(participants(services)) == MOST_PARTICIPANTS
+        wait_until(lambda prefix=prefix: prefix in services.remotes)  # type: ignore[misc]
+    assert len(services.remotes) == MOST_PARTICIPANTS
     assert services.refused == 5
-    assert struct.pack(">III", 1, 2, 0) not in participants(services)
+    assert struct.pack(">III", 1, 2, 0) not in services.remotes
 
 
 def test_an_acknack_from_before_the_first_sample_asks_for_no_more_than_there_is(
@@ -214,7 +208,7 @@ def test_what_a_participant_asked_by_is_forgotten_with_it(services: RtpsServices
     wait_until(lambda: remote.requesters == {PREFIX + WRITER: service})
     gone = [(rtps.PID_STATUS, b"\0\0\0\3")]
     peer.say(rtps.data(rtps.NO_ENTITY, rtps.SPDP_WRITER, 2, b"", gone))
-    wait_until(lambda: not participants(services))
+    wait_until(lambda: not services.remotes)
 
 
 def test_a_known_participant_is_told_again_before_its_lease_ends(
@@ -242,5 +236,5 @@ def test_on_this_machine_alone_only_multicast_comes_in_at_the_group_s_port(servi
         end.sendto(rtps.packet(other, [ANNOUNCED]), ("127.0.0.1", 7400 + 250 * own_domain()))
     peer.say(ANNOUNCED)
     remote_of(services)
-    wait_until(lambda: services._announced > 3)
-    assert other not in participants(services)
+    wait_until(lambda: services.announced > 3)
+    assert other not in services.remotes

@@ -22,7 +22,6 @@ from cyclonedds.qos import Policy, Qos  # noqa: E402
 from cyclonedds.sub import DataReader  # noqa: E402
 from cyclonedds.topic import Topic  # noqa: E402
 
-from tests.unit.plugins.ros.ports import port_of  # noqa: E402
 from xitl_cli.plugins.ros.rtps_services import RtpsServices, ServiceRequest  # noqa: E402
 
 DOMAIN = own_domain()
@@ -78,4 +77,4 @@ def test_the_second_node_of_a_machine_has_a_port_of_its_own() -> None:
     second = RtpsServices(DOMAIN, lambda request: None)
     first.close()
     second.close()
-    assert port_of(second) > port_of(first)
+    assert second.port > first.port

@@ -17,14 +17,12 @@ import pytest
 from tests.doubles.ros_master import FakeMaster
 from tests.free_ports import free_port
 from tests.patience import PATIENCE_S, wait_until
-from tests.unit.plugins.ros.ports import port_of
 from xitl_cli.plugins.ros import tcpros_middleware as middleware_module
 from xitl_cli.plugins.ros.definitions import deserialize, ros1_definition, ros2_types, serialize
 from xitl_cli.plugins.ros.middleware import LATCHED, RELIABLE, QosProfile
 from xitl_cli.plugins.ros.tcpros import master as master_module
-from xitl_cli.plugins.ros.tcpros import publishing as publishing_module
 from xitl_cli.plugins.ros.tcpros import slave as slave_module
-from xitl_cli.plugins.ros.tcpros import subscribing as subscribing_module
+from xitl_cli.plugins.ros.tcpros import topics as topics_module
 from xitl_cli.plugins.ros.tcpros.wire import (
     TcprosError,
     block,
@@ -59,7 +57,7 @@ def wait(condition: Callable[[], object], *nodes: TcprosMiddleware) -> None:
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(master_module, "LOOK_S", 0.02)
-    monkeypatch.setattr(subscribing_module, "AGAIN_S", 0.02)
+    monkeypatch.setattr(topics_module, "AGAIN_S", 0.02)
 
 
 @pytest.fixture
@@ -168,7 +166,7 @@ def test_the_master_knows_all_of_it_and_forgets_it_at_the_end(
 
 def test_a_service_answers(nodes: Callable[[str], TcprosMiddleware]) -> None:
     node = nodes("xitl")
-    place = ("127.0.0.1", port_of(node))
+    place = ("127.0.0.1", node.port)
 
     def answer(request: bytes) -> bytes:
         armed = deserialize(request, f"{SET_BOOL}_Request").data
@@ -235,7 +233,7 @@ def test_another_type_is_refused_with_a_reason(
 )
 def test_a_hostile_peer_is_refused_and_counted(nodes: Callable[[str], TcprosMiddleware], sent: bytes) -> None:
     node = nodes("xitl")
-    with socket.create_connection(("127.0.0.1", port_of(node)), PATIENCE_S) as peer:
+    with socket.create_connection(("127.0.0.1", node.port), PATIENCE_S) as peer:
         peer.sendall(sent)
         with suppress(OSError):  # it may have hung up already
             peer.shutdown(socket.SHUT_WR)
@@ -378,7 +376,7 @@ def test_peers_that_ask_for_anything_are_told_of_once(nodes: Callable[[str], Tcp
     node = nodes("xitl")
     for number in range(20):
         asked = {"topic": f"/{number}" * 10_000} if number % 2 else {"service": f"/{number}" * 10_000}
-        with socket.create_connection(("127.0.0.1", port_of(node)), PATIENCE_S) as peer:
+        with socket.create_connection(("127.0.0.1", node.port), PATIENCE_S) as peer:
             peer.sendall(encode_header(asked))
             assert "not" in receive_header(peer)["error"]
     assert node.losses().refused == {"connections": 20}
@@ -389,7 +387,7 @@ def test_peers_that_ask_for_anything_are_told_of_once(nodes: Callable[[str], Tcp
 def test_more_subscribers_than_a_topic_takes_are_refused(
     nodes: Callable[[str], TcprosMiddleware], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(publishing_module, "MOST_SUBSCRIBERS", 2)
+    monkeypatch.setattr(topics_module, "MOST_SUBSCRIBERS", 2)
     node = nodes("xitl")
     node.advertise("/thrust", FLOAT, RELIABLE)
     with connect(node, "/thrust", md5sum="*") as one, connect(node, "/thrust", md5sum="*") as two:
@@ -416,7 +414,7 @@ def test_a_call_that_was_answered_with_nobody_is_not_carried_out_later(
 
     def call() -> bytes:
         """Whether it was good."""
-        with socket.create_connection(("127.0.0.1", port_of(node)), PATIENCE_S) as connection:
+        with socket.create_connection(("127.0.0.1", node.port), PATIENCE_S) as connection:
             connection.sendall(encode_header({"service": "/arm", "md5sum": "*"}) + block(b"\x01"))
             receive_header(connection)
             return connection.recv(1)
@@ -434,7 +432,7 @@ def test_a_connection_that_fails_to_be_accepted_is_not_the_last(
     accept, failures = socket.socket.accept, [1]
 
     def failing(listener: socket.socket) -> Any:
-        if failures and listener.getsockname()[1] == port_of(node):
+        if failures and listener.getsockname()[1] == node.port:
             failures.pop()
             raise OSError(24, "Too many open files")
         return accept(listener)
@@ -516,7 +514,7 @@ def test_the_master_may_stop_the_node(nodes: Callable[[str], TcprosMiddleware], 
 
 def persistent_call(node: TcprosMiddleware, caller: str = "/helm") -> socket.socket:
     """A client that has asked for a persistent connection to /arm, and has its answer to that."""
-    connection = socket.create_connection(("127.0.0.1", port_of(node)), PATIENCE_S)
+    connection = socket.create_connection(("127.0.0.1", node.port), PATIENCE_S)
     asked = {"callerid": caller, "service": "/arm", "md5sum": "*", "persistent": "1"}
     connection.sendall(encode_header(asked))
     return connection

@@ -12,7 +12,7 @@ from agent.wire.codec import Packer
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.ros.conversion import RosConversion
 from xitl_cli.plugins.ros.definitions import deserialize
-from xitl_cli.plugins.ros.user_topics import check_topics
+from xitl_cli.plugins.ros.outputs import check_topics
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec

@@ -107,11 +107,9 @@ def test_nobody_answers() -> None:
         request_launch("udp://127.0.0.1:9", "trunk", 0.0, 0.0, 0.0, None, wait_s=0.2)
 
 
-@pytest.mark.parametrize(
-    ("at", "problem"), [("x", "not two numbers"), ("1", "not two"), ("1,2,3", "not two"), ("nan,1", "no place")]
-)
-def test_a_place_that_is_none(at: str, problem: str) -> None:
-    with pytest.raises(UserError, match=problem):
+@pytest.mark.parametrize("at", ["x", "1", "1,2,3", "nan,1"])
+def test_a_place_that_is_none(at: str) -> None:
+    with pytest.raises(UserError, match="is no position; write metres north and east"):
         launch_command("trunk", at)
 
 

@@ -205,8 +205,8 @@ def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path
         "missed 2 of 50",
     ):
         assert words in text
-    assert "its own log stays where it runs" in text
-    assert ("", "it left no log of its own") in list(autopilot_rows({**section, "program": "/opt/ardurover"}))
+    assert "its log stays on its machine" in text
+    assert ("", "it wrote no log") in list(autopilot_rows({**section, "program": "/opt/ardurover"}))
     assert list(autopilot_rows(None)) == []
 
 

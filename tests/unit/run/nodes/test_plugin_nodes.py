@@ -317,3 +317,16 @@ def test_a_run_without_the_node_that_a_plug_in_needs_is_refused(install: Install
     install("xitl-watch", WATCH, nodes="watch = xitl_watch:KIND")
     with pytest.raises(UserError, match=r"^plugins\.watch needs AutopilotNode, which no node of this run provides$"):
         run("extends: mitl\nclock: {duration_s: 1}\nplugins: {watch: {}}\n")
+
+
+def test_the_edges_of_a_plug_in_are_in_the_graph_of_the_run(install: Install, depth: None) -> None:
+    install("xitl-watch", WATCH.replace("place=", 'edges=[("D", "M")], place='), nodes="watch = xitl_watch:KIND")
+    graph = run("extends: sitl\nclock: {duration_s: 1}\nplugins: {watch: {}}\n").summary["graph"]
+    assert "D-M" in graph["measured"]["links"]
+    assert "D-M" in graph["unclaimed"]
+
+
+def test_an_edge_of_an_unknown_node_is_refused(install: Install, depth: None) -> None:
+    install("xitl-watch", WATCH.replace("place=", 'edges=[("D", "GPS")], place='), nodes="watch = xitl_watch:KIND")
+    with pytest.raises(UserError, match=r"^plugins\.watch \(xitl-watch .*\): its edges name GPS, which is not a node"):
+        run("extends: sitl\nclock: {duration_s: 1}\nplugins: {watch: {}}\n")

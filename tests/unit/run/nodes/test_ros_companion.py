@@ -39,7 +39,7 @@ def test_who_sees_and_orders_is_in_the_measured_graph_as_claimed(runs: str, kind
     report = node.report()
     own: NodeReport = report["nodes"][0]
     assert (own.kind, own.nodes) == (kind, "HS,HC,HA")
-    graph = graph_section(profile, 10.0, 0.0, [], report["nodes"], report["traffic"])
+    graph = graph_section(profile, report["agents"], [("PS1", "M")])
     high = {"PS1-HS", "LS-HC", "LC-HC", "LC-HA", "HS-HC", "HC-HA", "HA-M"}
     assert high <= set(graph["claimed"]["links"])
     assert high <= set(graph["measured"]["links"])

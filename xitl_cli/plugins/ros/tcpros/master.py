@@ -6,13 +6,12 @@ import http.client
 import os
 import socket
 import threading
+from collections import Counter
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 from xml.parsers.expat import ExpatError
 from xmlrpc.client import Error as XmlRpcError
 from xmlrpc.client import ServerProxy, Transport
-
-from xitl_cli.plugins.ros.tcpros.notes import NodeNotes
 
 URI_VARIABLE, USUAL_URI = "ROS_MASTER_URI", "http://localhost:11311"
 TIMEOUT_S = 3.0
@@ -247,3 +246,46 @@ class Registrar:
 
     def _ask(self, method: str, *arguments: Any) -> Any:
         return call(self.uri, method, self.node, *arguments)
+
+
+MOST_SAID = 400
+"""Limit in characters, because names and requests of peers may have any length."""
+
+
+class NodeNotes:
+    """dropped: messages that did not fit, of slow readers or fast writers. refused: messages and peers."""
+
+    def __init__(self) -> None:
+        self.dropped: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+        self._sentences: list[str] = []
+        self._told: set[str] = set()
+        self._lock = threading.Lock()
+
+    def tell(self, sentence: str, again: str = "") -> None:
+        """Report a sentence once, until `forget(again)`."""
+        key = again or sentence
+        with self._lock:
+            if key not in self._told:
+                self._told.add(key)
+                self._sentences.append(sentence[:MOST_SAID])
+
+    def forget(self, again: str) -> None:
+        with self._lock:
+            self._told.discard(again)
+
+    def refuse(self, topic: str, sentence: str) -> None:
+        """Report a refusal once, and count it: the report explains the count."""
+        self.tell(sentence, f"refused {topic}")
+        with self._lock:
+            self.refused[topic] += 1
+
+    def drop(self, topic: str) -> None:
+        with self._lock:
+            self.dropped[topic] += 1
+
+    def sentences(self) -> list[str]:
+        """Return new sentences since the last call."""
+        with self._lock:
+            found, self._sentences = self._sentences, []
+        return found

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.analyses.outputs import driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding
@@ -29,6 +28,7 @@ from xitl_cli.logs.signals.sensors import (
 from xitl_cli.logs.signals.series import make_series
 from xitl_cli.logs.signals.spans import find_holds, runs
 from xitl_cli.logs.signals.states import parameter_values, vehicle_kind
+from xitl_cli.plugins.logs.analyses.outputs import driven_outputs
 
 FIELD_STEP_MGAUSS = 20.0
 """Least step of the field; noise and turning cause less."""

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from xitl_cli.logs.analyses.faults import fault_spans
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section
 from xitl_cli.logs.model.table import Table
@@ -20,6 +19,7 @@ from xitl_cli.logs.signals.real_time import (
     worst_link,
 )
 from xitl_cli.logs.signals.series import rounded
+from xitl_cli.plugins.logs.analyses.faults import fault_spans
 
 PACE, CLOCKS, LINKS = "/pace", "/clocks", "/links"
 HOST, COMPANION = "PS1", "HC"

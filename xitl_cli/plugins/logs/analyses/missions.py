@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,135 +13,16 @@ from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs.analyses.modes import ModeSpan, mode_spans
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.model.codes import ALTITUDE_FRAMES, PLACE_COMMANDS, command_name
+from xitl_cli.logs.model.codes import ALTITUDE_FRAMES, command_name
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
-from xitl_cli.logs.model.table import Table, first_of
+from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.model.text import length_text
+from xitl_cli.logs.signals.missions import LoggedMissionItem, MissionVersion, mission_versions
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
-
-_PLAUSIBLE_ITEMS = 5000
-
-
-@dataclass(frozen=True, slots=True)
-class LoggedMissionItem:
-    """One item of a mission.
-
-    Latitude and longitude in deg, altitude in m. place: whether it has a destination.
-    """
-
-    seq: int
-    command: int
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
-    frame: int
-
-    @property
-    def place(self) -> bool:
-        known = -90.0 <= self.latitude_deg <= 90.0 and -180.0 <= self.longitude_deg <= 180.0
-        return self.command in PLACE_COMMANDS and known and (self.latitude_deg, self.longitude_deg) != (0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class MissionVersion:
-    """The mission since `at_ns`, by number of the item; item 0 is home."""
-
-    at_ns: int
-    items: Mapping[int, LoggedMissionItem]
-
-    @property
-    def places(self) -> list[LoggedMissionItem]:
-        return [item for seq, item in sorted(self.items.items()) if seq and item.place]
-
-
-def mission_rows(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
-    """Stamp, number of items in the mission (0: unknown), and item, in the log's order."""
-    table = log.tables.get("CMD")
-    names = ("CNum", "CId", "Lat", "Lng", "Alt")
-    items_from_log = (
-        [] if table is None or not set(names) <= set(table.columns) else _rows(table, names, "CTot", "Frame")
-    )
-    return items_from_log or _items_from_telemetry(log)
-
-
-def mission_versions(log: Log) -> list[MissionVersion]:
-    """Every logged mission that differs from the previous one, in the log's order; home is not compared."""
-    found: list[MissionVersion] = []
-    current: dict[int, LoggedMissionItem] = {}
-    began_ns, last_seq = 0, -1
-    for at_ns, total, item in mission_rows(log):
-        if item.seq <= last_seq or not current:
-            _add(found, began_ns, current)
-            current, began_ns = {}, at_ns
-        current[item.seq] = item
-        last_seq = item.seq
-        if total and len(current) >= total:
-            last_seq = _PLAUSIBLE_ITEMS
-    _add(found, began_ns, current)
-    return found
-
-
-def executed_items(log: Log) -> list[tuple[int, int]]:
-    """(stamp, number) of each item started, in order of time."""
-    table = log.tables.get("MISE")
-    if table is not None and "CNum" in table.columns:
-        return _sequence(table, "CNum", changes_only=False)
-    table = autopilot_messages(log, "MISSION_CURRENT")
-    return [] if table is None or "seq" not in table.columns else _sequence(table, "seq", changes_only=True)
-
-
-def _sequence(table: Table, column: str, changes_only: bool) -> list[tuple[int, int]]:
-    order = np.argsort(table.stamp_ns, kind="stable")
-    numbers = np.asarray(table.values(column, raw=True))[order].astype(np.int64)
-    stamps = table.stamp_ns[order]
-    if changes_only and len(numbers):
-        new = np.concatenate(([True], np.diff(numbers) != 0))
-        numbers, stamps = numbers[new], stamps[new]
-    return [(at_ns, seq) for at_ns, seq in zip(stamps.tolist(), numbers.tolist(), strict=True) if seq > 0]
-
-
-def _add(found: list[MissionVersion], at_ns: int, items: dict[int, LoggedMissionItem]) -> None:
-    if not items:
-        return
-    before = {seq: item for seq, item in found[-1].items.items() if seq} if found else None
-    if before != {seq: item for seq, item in items.items() if seq}:
-        found.append(MissionVersion(at_ns, dict(items)))
-
-
-def _items_from_telemetry(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
-    for table in (
-        autopilot_messages(log, "MISSION_ITEM_INT"),
-        log.tables.get("MISSION_ITEM_INT"),
-        log.tables.get("/link/agent/tx:MISSION_ITEM_INT"),
-        autopilot_messages(log, "MISSION_ITEM"),
-    ):
-        names = ("seq", "command", "x", "y", "z")
-        if table is not None and set(names) <= set(table.columns):
-            return _rows(table, names, None, "frame")
-    return []
-
-
-def _rows(
-    table: Table, names: tuple[str, ...], total: str | None, frame: str
-) -> list[tuple[int, int, LoggedMissionItem]]:
-    columns = [np.asarray(table.values(name), dtype=np.float64) for name in names]
-    totals = table.values(total, raw=True).tolist() if total and total in table.columns else [0] * len(table)
-    frame_column = first_of(table, (frame,))
-    frames = [0] * len(table) if frame_column is None else table.values(frame_column, raw=True).tolist()
-    largest = max((float(np.nanmax(np.abs(column), initial=0.0)) for column in columns[2:4]), default=0.0)
-    scale = 1e-7 if largest > 1000.0 else 1.0
-    rows = []
-    for row in range(min(len(table), 100_000)):
-        seq, command, x, y, z = (float(column[row]) for column in columns)
-        if not (0 <= seq < _PLAUSIBLE_ITEMS and 0 <= command < 65_536 and np.isfinite((x, y)).all()):
-            continue
-        item = LoggedMissionItem(int(seq), int(command), x * scale, y * scale, z, int(frames[row]))
-        rows.append((int(table.stamp_ns[row]), int(totals[row]), item))
-    return rows
+from xitl_cli.plugins.logs.analyses.modes import ModeSpan, mode_spans
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,6 +165,25 @@ def analyse(log: Log) -> Section | None:
     grids = [found for found in (_leg_table(plan, legs, sailed, clock), _plan_table(plan)) if found is not None]
     known = tuple(fact for fact in facts if fact.value is not None)
     return Section("missions", "Mission", known, tuple(findings), tuple(grids), (), tuple(lacks))
+
+
+def executed_items(log: Log) -> list[tuple[int, int]]:
+    """(stamp, number) of each item started, in order of time."""
+    table = log.tables.get("MISE")
+    if table is not None and "CNum" in table.columns:
+        return _sequence(table, "CNum", changes_only=False)
+    table = autopilot_messages(log, "MISSION_CURRENT")
+    return [] if table is None or "seq" not in table.columns else _sequence(table, "seq", changes_only=True)
+
+
+def _sequence(table: Table, column: str, changes_only: bool) -> list[tuple[int, int]]:
+    order = np.argsort(table.stamp_ns, kind="stable")
+    numbers = np.asarray(table.values(column, raw=True))[order].astype(np.int64)
+    stamps = table.stamp_ns[order]
+    if changes_only and len(numbers):
+        new = np.concatenate(([True], np.diff(numbers) != 0))
+        numbers, stamps = numbers[new], stamps[new]
+    return [(at_ns, seq) for at_ns, seq in zip(stamps.tolist(), numbers.tolist(), strict=True) if seq > 0]
 
 
 def reached_at(log: Log) -> list[tuple[int, int]]:

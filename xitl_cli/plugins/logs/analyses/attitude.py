@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 import xitl_cli.logs.signals as signals
-from xitl_cli.logs.analyses.outputs import driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import BOAT_FRAME, FREE_ATTITUDE, MOTION_LIMITS, SURFACE_BOAT, MotionLimits, VehicleKind
 from xitl_cli.logs.model.log import Log
@@ -22,6 +21,7 @@ from xitl_cli.logs.signals.sensors import STANDARD_GRAVITY_MPS2, InertialUnit, i
 from xitl_cli.logs.signals.series import first_instance, significant
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_heartbeats, firmware_text, parameter_values, vehicle_kind
+from xitl_cli.plugins.logs.analyses.outputs import driven_outputs
 
 _TITLE = "Attitude and impacts"
 _SOURCES: tuple[signals.SignalSource, ...] = ("estimate", "truth")

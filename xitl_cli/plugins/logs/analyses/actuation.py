@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs.analyses.actuator_faults import actuator_findings
-from xitl_cli.logs.analyses.power import batteries
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding, Section
@@ -19,6 +17,8 @@ from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.receivers import GnssReceiver, gnss_receivers, injected_receivers
 from xitl_cli.logs.signals.series import numbers
 from xitl_cli.logs.signals.spans import runs
+from xitl_cli.plugins.logs.analyses.actuator_faults import actuator_findings
+from xitl_cli.plugins.logs.analyses.power import batteries
 
 DRIFT_MPS = 0.12
 """Least drift that exceeds a receiver's own error (0.5 m that changes over a minute) in one window."""

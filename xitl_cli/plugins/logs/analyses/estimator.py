@@ -10,7 +10,6 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs.analyses import estimator_cores as cores
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import EKF_MAG_FUSION, EKF_SOURCE_SETS
 from xitl_cli.logs.model.log import Log
@@ -20,6 +19,7 @@ from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import firmware_text
+from xitl_cli.plugins.logs.analyses import estimator_cores as cores
 
 _POSITION_M = (1.0, 3.0)
 _YAW_DEG = (5.0, 10.0)

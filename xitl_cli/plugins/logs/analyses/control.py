@@ -15,7 +15,6 @@ from itertools import pairwise
 import numpy as np
 
 import xitl_cli.logs.signals as signals
-from xitl_cli.logs.analyses.attitude import free_attitude_spans
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import HEADING_HELD, VehicleKind
 from xitl_cli.logs.model.log import Log
@@ -25,6 +24,7 @@ from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.signals.series import column_series, first_instance, numbers, significant
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import armed_rows, vehicle_kind
+from xitl_cli.plugins.logs.analyses.attitude import free_attitude_spans
 
 LONGEST_PAUSE_S = 2.0  # between rows: values in a longer pause are unknown
 LONGEST_DELAY_S = 10.0

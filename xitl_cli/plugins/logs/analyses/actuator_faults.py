@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.analyses.outputs import OutputChannel, driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding
@@ -25,6 +24,7 @@ from xitl_cli.logs.signals.sensors import injected_units
 from xitl_cli.logs.signals.series import Series, make_series
 from xitl_cli.logs.signals.spans import runs
 from xitl_cli.logs.signals.states import parameter_values, vehicle_kind
+from xitl_cli.plugins.logs.analyses.outputs import OutputChannel, driven_outputs
 
 RATE_HZ = 5.0
 _STRIDE = 2  # samples between rows of the fit

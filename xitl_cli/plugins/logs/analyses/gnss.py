@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs.analyses.sensor_faults import switched_off
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import EKF_GPS_GLITCHING, ERR_GPS
 from xitl_cli.logs.model.log import Log
@@ -21,6 +20,7 @@ from xitl_cli.logs.signals.receivers import FIX_3D, FIX_NAMES, GnssReceiver, gns
 from xitl_cli.logs.signals.series import listed, numbers, significant
 from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows, rows_in_use
+from xitl_cli.plugins.logs.analyses.sensor_faults import switched_off
 
 _RTK = 5
 _SILENT_S = 1.0

@@ -1,4 +1,4 @@
-"""Entry points of installed packages, read from their `entry_points.txt`.
+"""Entry points of installed packages, read from their `entry_points.txt`: on the host, and on a board.
 
 `importlib.metadata` gives the same answer, but its import and its scan take a seventh of the start of `xitl`. It is
 used only where packages are not folders: in zip files, in eggs and with importers of other packages.
@@ -9,13 +9,18 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import Any
+from typing import Any, Callable
+
+INTERFACE = 1
+"""Version of the interface between xitl and plug-ins. A plug-in module may state its own as `XITL_INTERFACE`."""
+
+OWN_PACKAGE = "xitl"
 
 _TARGET = re.compile(r"(?P<module>[\w.]+)\s*(?::\s*(?P<object>[\w.]+)\s*)?(?:\[.*\]\s*)?")
 
@@ -23,7 +28,7 @@ _Read = Callable[[str], str]
 """Returns the text of a file that describes a package, empty when it cannot be read."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class EntryPoint:
     """An object that an installed package registers under a name in a group."""
 
@@ -47,11 +52,37 @@ class EntryPoint:
             value = getattr(value, name)
         return value
 
+    def load_error(self) -> str:
+        """Return the reason why the object cannot be loaded, as one sentence; empty when it can."""
+        who = f"{self.name}: the plug-in of {self.package} {self.version}"
+        again = f"pip install --force-reinstall {self.package}"
+        try:
+            self.load()
+            wanted = getattr(sys.modules[self.module], "XITL_INTERFACE", INTERFACE)
+        except (Exception, SystemExit) as problem:  # noqa: BLE001  the code of a plug-in may raise anything when imported
+            reason = " ".join(f"{type(problem).__name__}: {problem}".split())
+            return f"{who} cannot be loaded ({reason}); correct it, or reinstall it: {again}"
+        if wanted != INTERFACE:
+            return (
+                f"{who} is made for interface {wanted} of xitl, and this is interface {INTERFACE}; "
+                "install a version for it"
+            )
+        return ""
+
     def _parts(self) -> tuple[str, str]:
         match = _TARGET.fullmatch(self.target)
         if match is None:
             raise ValueError(f"{self.target!r} is not module:object")
         return match["module"], match["object"] or ""
+
+
+def ranked_entry_points(prefix: str) -> tuple[EntryPoint, ...]:
+    """Return the entry points of xitl first, then those of other packages by package and name.
+
+    If two packages register one name in a group, the first counts.
+    """
+    entries = entry_points(prefix)
+    return tuple(sorted(entries, key=lambda entry: (entry.package != OWN_PACKAGE, entry.package, entry.name)))
 
 
 def entry_points(prefix: str) -> list[EntryPoint]:
@@ -61,22 +92,27 @@ def entry_points(prefix: str) -> list[EntryPoint]:
     """
     known: set[str] = set()
     entries: list[EntryPoint] = []
-    for package, read in _packages_of_library() if _beyond_folders() else _packages_in_folders():
+    finders = [finder for finder in sys.meta_path if hasattr(finder, "find_distributions")]
+    beyond_folders = finders != [PathFinder] or any(path.endswith(".egg") or Path(path).is_file() for path in sys.path)
+    for package, read in _packages_of_library() if beyond_folders else _packages_in_folders():
         normalized = re.sub(r"[-_.]+", "-", package).lower()
         if normalized in known:
             continue
         if normalized:  # a damaged package may lack its name
             known.add(normalized)
         text = read("entry_points.txt")
-        if f"[{prefix}" in text:
-            entries += _parsed(text, prefix, read("METADATA") or read("PKG-INFO"))
+        if f"[{prefix}" not in text:
+            continue
+        metadata = read("METADATA") or read("PKG-INFO")
+        name_and_version = _field("Name", metadata) or "unknown", _field("Version", metadata) or "?"
+        group = ""
+        for line in map(str.strip, text.splitlines()):
+            if line.startswith("[") and line.endswith("]"):
+                group = line[1:-1]
+            elif line and not line.startswith("#") and group.startswith(prefix):
+                name, _, target = map(str.strip, line.partition("="))
+                entries.append(EntryPoint(group, name, target, *name_and_version))
     return entries
-
-
-def _beyond_folders() -> bool:
-    """Whether packages may be elsewhere than in folders of `sys.path`."""
-    finders = [finder for finder in sys.meta_path if hasattr(finder, "find_distributions")]
-    return finders != [PathFinder] or any(path.endswith(".egg") or Path(path).is_file() for path in sys.path)
 
 
 def _packages_of_library() -> Iterator[tuple[str, _Read]]:
@@ -94,6 +130,12 @@ def _packages_of_library() -> Iterator[tuple[str, _Read]]:
 
 
 def _packages_in_folders() -> Iterator[tuple[str, _Read]]:
+    def text(folder: str, file: str) -> str:
+        try:
+            return Path(folder + file).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            return ""
+
     for folder in dict.fromkeys(sys.path):
         try:
             files = os.listdir(folder or ".")  # noqa: PTH208  half the time of Path
@@ -101,26 +143,7 @@ def _packages_in_folders() -> Iterator[tuple[str, _Read]]:
             continue
         for file in files:
             if file.endswith((".dist-info", ".egg-info")):
-                yield file.rpartition(".")[0].partition("-")[0], partial(_text, f"{folder or '.'}/{file}/")
-
-
-def _text(folder: str, file: str) -> str:
-    try:
-        return Path(folder + file).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return ""
-
-
-def _parsed(text: str, prefix: str, metadata: str) -> Iterator[EntryPoint]:
-    """Yield the entry points in the text of an `entry_points.txt`. metadata: text of the package's METADATA."""
-    package, version = _field("Name", metadata) or "unknown", _field("Version", metadata) or "?"
-    group = ""
-    for line in map(str.strip, text.splitlines()):
-        if line.startswith("[") and line.endswith("]"):
-            group = line[1:-1]
-        elif line and not line.startswith("#") and group.startswith(prefix):
-            name, _, target = map(str.strip, line.partition("="))
-            yield EntryPoint(group, name, target, package, version)
+                yield file.rpartition(".")[0].partition("-")[0], partial(text, f"{folder or '.'}/{file}/")
 
 
 def _field(key: str, metadata: str) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from xitl_cli.logs.analyses.outputs import THROTTLES, OutputChannel, driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import (
     CONTROLS,
@@ -21,6 +20,7 @@ from xitl_cli.logs.signals import Series, outputs, rc_inputs
 from xitl_cli.logs.signals.series import listed, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import find_holds, held_spans, runs, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows, parameter_values
+from xitl_cli.plugins.logs.analyses.outputs import THROTTLES, OutputChannel, driven_outputs
 
 _IN_FAILSAFE = 2  # RCI2.Flags
 _HELD_S = 5.0

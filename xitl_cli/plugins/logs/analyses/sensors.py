@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from xitl_cli.logs.analyses import sensor_faults
-from xitl_cli.logs.analyses.sensor_departures import departure_findings
-from xitl_cli.logs.analyses.sensor_quality import agreement_section, noise_section
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Fact, Grid, Section, Value
@@ -23,6 +20,9 @@ from xitl_cli.logs.signals.sensors import (
 from xitl_cli.logs.signals.series import significant
 from xitl_cli.logs.signals.spans import log_pauses
 from xitl_cli.logs.signals.states import armed_rows, parameter_values, sensors_simulated
+from xitl_cli.plugins.logs.analyses import sensor_faults
+from xitl_cli.plugins.logs.analyses.sensor_departures import departure_findings
+from xitl_cli.plugins.logs.analyses.sensor_quality import agreement_section, noise_section
 
 _TITLE = "Sensors"
 

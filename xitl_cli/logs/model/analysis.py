@@ -1,8 +1,7 @@
-"""Catalogue of the analyses of one log, in the order of the report, and the record of an analysis that failed."""
+"""An analysis of one log, as plug-ins register it, and the record of an analysis that failed."""
 
 from __future__ import annotations
 
-import importlib
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,65 +10,28 @@ from pathlib import Path
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Section
 
-Analysis = Callable[[Log], Section | None]
-
-NAMES = (
-    "vehicle",
-    "px4",
-    "modes",
-    "arming",
-    "events",
-    "missions",
-    "attitude",
-    "control",
-    "parameters",
-    "real_time",
-    "scheduler",
-    "tasks",
-    "time_bases",
-    "links",
-    "faults",
-    "estimator",
-    "sensors",
-    "gnss",
-    "vibration",
-    "radio",
-    "power",
-    "actuation",
-)
-"""Modules of this package, each with a function `analyse`."""
-
-
-def load_analysis(name: str) -> Analysis:
-    analyse: Analysis = importlib.import_module(f"xitl_cli.logs.analyses.{name}").analyse
-
-    def analysed(log: Log) -> Section | None:
-        found = analyse(log)
-        return found if found is None or log.format != "ulog" else _of_px4(found)
-
-    return analysed
-
-
-def _of_px4(found: Section) -> Section | None:
-    """The section without its lacks, which name ArduPilot's messages; None if nothing else is left."""
-    told = found.facts or found.findings or found.grids or found.plots
-    return replace(found, lacks=()) if told else None
-
-
-def sections(log: Log) -> list[Section]:
-    return [found for name in NAMES if (found := load_analysis(name)(log)) is not None]
-
-
 _PACKAGE = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True, slots=True)
-class AddedAnalysis:
-    """An analysis that another package adds. name: of its section. package: with its version."""
+class LogAnalysis:
+    """An analysis: a function from a log to one section of the report."""
 
     name: str
-    package: str
-    analyse: Analysis
+    """Name of its section."""
+    analyse: Callable[[Log], Section | None]
+    """None if the log cannot answer its question."""
+    package: str = ""
+    """Package that adds it, with its version; empty for an analysis of xitl."""
+
+    def section(self, log: Log) -> Section | None:
+        section = self.analyse(log)
+        if section is None or self.package or log.format != "ulog":
+            return section
+        # The lacks of xitl's analyses name messages of ArduPilot, which say nothing about a log of PX4.
+        if section.facts or section.findings or section.grids or section.plots:
+            return replace(section, lacks=())
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +43,7 @@ class AnalysisFailure:
     place: str
     """File and line of the program."""
     package: str = ""
-    """Package of an added analysis, empty for a built-in one."""
+    """Package that adds the analysis, empty for an analysis of xitl."""
 
     @property
     def sentence(self) -> str:

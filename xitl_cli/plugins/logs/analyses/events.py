@@ -10,7 +10,6 @@ from types import MappingProxyType
 import numpy as np
 
 import xitl_cli.logs.signals as signals
-from xitl_cli.logs.analyses.modes import mode_spans
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model import codes as codes
 from xitl_cli.logs.model.codes import SWITCH_POSITIONS, SWITCH_SOURCES, VehicleKind, auxiliary_function_name
@@ -20,6 +19,7 @@ from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals import LogText
 from xitl_cli.logs.signals.states import error_rows, event_rows, vehicle_kind
+from xitl_cli.plugins.logs.analyses.modes import mode_spans
 
 _OVER = re.compile(r"\b(cleared|clear|over|off|recovered|resolved|ended|restored|back|healthy)\b", re.I)
 _ROWS: tuple[tuple[str, str, Severity], ...] = (
