@@ -73,7 +73,7 @@ def test_one_that_dies_under_way_ends_the_run_with_its_last_words(sim: Sim, monk
     monkeypatch.setenv("XITL_REPLAY_DIES", str(DEATH))
     code, said, told = sim("mission.xz")
     assert code == 2
-    assert "px4 ended by itself (signal 6 ended it); the last it said: Segmentation fault" in " ".join(said.split())
+    assert "px4 ended by itself (signal 6 ended it); its last output: Segmentation fault" in " ".join(said.split())
     assert told["duration_s"] == pytest.approx(DEATH / 100, abs=1.0)
 
 
