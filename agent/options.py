@@ -254,7 +254,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     pulse_us = _number("a pulse width", "use microseconds, like 1500", lambda number: 0.0 < number <= 3000.0)
     seconds = _number("a duration", "use seconds, 0 for no limit", lambda number: 0.0 <= number < 1e6)
     add = parser.add_argument
-    add("--link", metavar="URL", help=f"where to wait for the host (default: {DEFAULT_LINK})")
+    add("--link", metavar="URL", help=f"wait for the host at this address (default: {DEFAULT_LINK})")
     add("--role", choices=(FCU, COMPANION, BRIDGE), help=f"role of this node (default: {FCU})")
     add(
         "--system-id",
@@ -279,9 +279,11 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--log-dir", type=Path, metavar="DIR", help="write a DataFlash log of each run here")
     add("--log-file", type=Path, metavar="FILE", help="write the DataFlash log of each run over this file")
     keys = "64 hexadecimal digits, or a passphrase"
-    add("--signing-key", type=Path, metavar="FILE", help=f"MAVLink 2 signing with ground stations: {keys}")
-    add("--link-key", type=Path, metavar="FILE", help=f"MAVLink 2 signing with the host, both ways: {keys}")
-    add("--controller", metavar="MODULE:CLASS", help="replaces the built-in controller, see docs/controller.md")
+    add("--signing-key", type=Path, metavar="FILE", help=f"key for MAVLink 2 signing with ground stations: {keys}")
+    add("--link-key", type=Path, metavar="FILE", help=f"key for MAVLink 2 signing with the host: {keys}")
+    add(
+        "--controller", metavar="MODULE:CLASS", help="controller that replaces the built-in one, see docs/controller.md"
+    )
     add(
         "--realtime",
         type=priority,

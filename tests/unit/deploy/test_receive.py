@@ -52,7 +52,7 @@ def test_another_checksum_is_not_run(tmp_path: Path) -> None:
     data[40] ^= 1
     done = receive(bytes(data), tmp_path, sha256=right)
     assert done.returncode == 2
-    assert f"in place of {right}; try again" in said(done)
+    assert f"instead of {right}; try again" in said(done)
 
 
 def test_a_connection_that_ends_early_is_not_run(tmp_path: Path) -> None:
