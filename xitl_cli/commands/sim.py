@@ -223,7 +223,7 @@ def live_options(live: list[str] | None, port: int | None, commands: bool) -> di
 
     Raises UserError for a name that no package registers.
     """
-    from xitl_cli.profile.schema.live import added_live_outputs
+    from xitl_cli.profile.schema.profile import added_live_outputs
 
     added = [name for name in live or [] if name != "foxglove"]
     for name in added:

@@ -12,9 +12,13 @@ from agent.mavlink.parameter_rows import Parameter
 from agent.mavlink.parameters import same_value
 from xitl_cli.errors import UserError
 from xitl_cli.params.vehicle import connect
-from xitl_cli.profile.files.parameter_files import SUFFIXES, find_parameter_file, read_parameter_file
-from xitl_cli.profile.files.station_file import SUFFIX as STATION_SUFFIX
-from xitl_cli.profile.files.station_file import station_file_text
+from xitl_cli.profile.files.parameter_files import (
+    STATION_SUFFIX,
+    SUFFIXES,
+    find_parameter_file,
+    read_parameter_file,
+    station_file_text,
+)
 
 DEFAULTS = "defaults"
 TABLE_BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
