@@ -339,7 +339,7 @@ def _impacts(
             continue
         worst = max(these, key=lambda shock: shock.size_mps2)
         limit = MOTION_LIMITS[vehicle_kind(log)].shock_mps2
-        after = [] if by_hand else _consequences(log, these, overturned, clock)
+        after = [] if by_hand else _consequences(log, these, overturned)
         grave = not by_hand and (bool(after) or worst.size_mps2 > 2.0 * limit)
         ends = "" if worst.range_g is None else f", the end of its range of {worst.range_g} g: it may have been more"
         again = "" if len(these) == 1 else f" ({len(these)} times over {limit:.0f} m/s² without gravity)"
@@ -361,26 +361,22 @@ def _impacts(
         )
 
 
-def _consequences(
-    log: Log, shocks: Sequence[Shock], overturned: Sequence[tuple[int, int]], clock: LogClock
-) -> list[str]:
-    """Events that began within five seconds of a shock and before the next, in words."""
+def _consequences(log: Log, shocks: Sequence[Shock], overturned: Sequence[tuple[int, int]]) -> list[str]:
+    """Events that began within five seconds of a shock, in words."""
     speed = signals.ground_speed(log)
     after: dict[str, None] = {}
     for shock in shocks:
-        window = (shock.at_ns - 10**9, shock.at_ns + _FOLLOWS_NS)
-        if any(window[0] <= begin <= window[1] for begin, _ in overturned):
+        if any(shock.at_ns - 10**9 <= begin <= shock.at_ns + _FOLLOWS_NS for begin, _ in overturned):
             after["turning over"] = None
-        if speed is not None and _stopped(speed, shock.at_ns):
+        if speed is None:
+            continue
+        # The speed fell from over 1 m/s to a fifth within three seconds, and stayed there for two more.
+        since_s = (speed.stamp_ns - shock.at_ns) * 1e-9
+        moving = speed.values[(since_s > -2.0) & (since_s < 0.0)]
+        still = speed.values[(since_s > 3.0) & (since_s < 5.0)]
+        if len(moving) > 1 and len(still) > 1 and np.median(moving) > max(1.0, 5.0 * float(np.max(still))):
             after["a standstill"] = None
     return list(after)
-
-
-def _stopped(speed: signals.Series, at_ns: int) -> bool:
-    """Whether the speed fell from over 1 m/s to a fifth within three seconds, and stayed there for two more."""
-    before = speed.values[(speed.stamp_ns > at_ns - 2 * 10**9) & (speed.stamp_ns < at_ns)]
-    after = speed.values[(speed.stamp_ns > at_ns + 3 * 10**9) & (speed.stamp_ns < at_ns + 5 * 10**9)]
-    return len(before) > 1 and len(after) > 1 and float(np.median(before)) > max(1.0, 5.0 * float(np.max(after)))
 
 
 def _contacts(log: Log, clock: LogClock) -> Iterator[Finding]:

@@ -228,11 +228,15 @@ def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iter
         within = np.abs(values - bias[axis]) < 0.5 * abs(bias[axis])
         since = int(np.flatnonzero(~within)[-1]) + 1 if not within.all() else 0
         from_ns = int(stamps[min(since, len(stamps) - 1)])
+        # The estimate ends at its largest value, and has stayed there.
+        size, largest = np.abs(values), abs(bias[axis])
+        ends = np.abs(size[-_FEWEST_AT_LIMIT:] - largest) <= 1e-3 * largest
+        at_limit = len(values) > _FEWEST_AT_LIMIT and ends.all() and not (size > 1.001 * largest).any()
         yield Finding(
             f"estimator.{what}_bias",
             Severity.WARNING if abs(bias[axis]) >= limits[1] else Severity.NOTICE,
-            f"The filter takes the {what} to be off by {bias[axis]:.2f} {unit} on {'xyz'[axis]}, since "
-            f"{clock.text(from_ns)}" + (_AT_LIMIT if _at_limit(values, bias[axis]) else ""),
+            f"The filter estimates that the {what} is off by {bias[axis]:.2f} {unit} on {'xyz'[axis]}, since "
+            f"{clock.text(from_ns)}" + (_AT_LIMIT if at_limit else ""),
             (Evidence(message, fields[axis], from_ns, int(stamps[-1]), f"{bias[axis]:.2f} {unit}"),),
             "Calibrate it at rest and warm, and let it settle before arming.",
         )
@@ -240,13 +244,6 @@ def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iter
 
 _AT_LIMIT = "; the estimate stays at its largest value, so the true error may be larger"
 _FEWEST_AT_LIMIT = 20
-
-
-def _at_limit(values: Floats, bias: float) -> bool:
-    """Whether the estimate ends at its largest value, and has stayed there."""
-    held = np.abs(np.abs(values) - abs(bias)) <= 1e-3 * abs(bias)
-    beyond = np.abs(values) > 1.001 * abs(bias)
-    return bool(held[-_FEWEST_AT_LIMIT:].all() and not beyond.any() and len(values) > _FEWEST_AT_LIMIT)
 
 
 def _last_biases(

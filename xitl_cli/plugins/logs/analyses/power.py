@@ -48,9 +48,9 @@ def batteries(log: Log) -> list[Battery]:
     packs: list[Battery] = []
     for kinds in (("BAT", "BAT2"), ("CURR", "CUR2"), ("BATTERY_STATUS",), ("SYS_STATUS",)):
         for table in tables_of(log, kinds):
-            for number, each in by_instance(table).items():
+            for number, rows in by_instance(table).items():
                 read = _battery_from_telemetry if kinds[0].endswith("_STATUS") else _battery_from_log
-                battery = read(table, each, number)
+                battery = read(table, rows, number)
                 if battery is not None and (np.nan_to_num(battery.voltage_v) > 0.0).any():
                     packs.append(battery)
         if packs:

@@ -445,17 +445,22 @@ def gyro_steps(
         turning,
     )
     known: list[Floats | None] = [phi, theta, None if compass is None else _heading(compass, at_ns, phi, theta, field)]
-    found = []
+    steps = []
     for axis, (angle, moving) in enumerate(zip(known, turns, strict=True)):
         if angle is None:
             continue
         apart = np.cumsum(moving) - angle
         rows, sizes = _slope_steps(apart)
-        if not rows and abs(lasting := _lasting_slope(apart)) > GYRO_STEP_RADPS:
-            rows, sizes = [0], [lasting]
+        if not rows:
+            # A slope (rad/s) that both halves show is a bias from the start on.
+            halves = np.array_split(apart, 2)
+            slopes = [float(np.polyfit(np.arange(len(half)) / _SLOPE_RATE_HZ, half, 1)[0]) for half in halves]
+            lasting = min(slopes, key=abs)
+            if np.prod(slopes) > 0.0 and abs(lasting) > GYRO_STEP_RADPS:
+                rows, sizes = [0], [lasting]
         whole = [np.eye(3)[axis] * size for size in sizes]
-        found += _paired([int(at_ns[row]) for row in rows], whole)
-    return sorted(found, key=lambda step: step.from_ns)
+        steps += _paired([int(at_ns[row]) for row in rows], whole)
+    return sorted(steps, key=lambda step: step.from_ns)
 
 
 def _grid(unit: InertialUnit, roll_deg: Series, pitch_deg: Series) -> Stamps | None:
@@ -489,12 +494,6 @@ def _heading(
     good = np.isfinite(heading)
     unwrapped: Floats = np.interp(np.arange(len(heading)), np.flatnonzero(good), np.unwrap(heading[good]))
     return unwrapped
-
-
-def _lasting_slope(apart: Floats) -> float:
-    """Slope (rad/s) of an angle (N,) that both halves show; 0 if they differ."""
-    halves = [np.polyfit(np.arange(len(half)) / _SLOPE_RATE_HZ, half, 1)[0] for half in np.array_split(apart, 2)]
-    return float(min(halves, key=abs)) if np.prod(halves) > 0.0 else 0.0
 
 
 def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:

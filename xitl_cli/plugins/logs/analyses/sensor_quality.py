@@ -80,38 +80,25 @@ def agreement_section(
                         "Find the wrong one (with gravity, or at rest), and calibrate or disable it.",
                     )
                 )
-    compasses = [each for each in plain if each.sort == "magnetometer" and each.calibrated]
+    compasses = [sensor for sensor in plain if sensor.sort == "magnetometer" and sensor.calibrated]
     for one_mag, other_mag in combinations(compasses, 2):
         findings += _compasses(one_mag, other_mag, rows, clock)
-    lengths = [finding for each in compasses for finding in _field_length(each)]
-    barometers = [each for each in plain if each.sort == "barometer"]
+    lengths = [finding for compass in compasses for finding in _field_length(compass)]
+    barometers = [sensor for sensor in plain if sensor.sort == "barometer"]
     for one_baro, other_baro in combinations(barometers, 2):
         findings += _barometers(one_baro, other_baro, rows, clock)
     columns = ("sensors", "of", "median difference", "largest in 10 s", "unit")
     grids = (Grid("sensor_agreement", "Agreement between instances, means of ten seconds", columns, tuple(rows)),)
-    return Section(
-        "sensors",
-        "Sensors",
-        findings=(*(_of_two_worlds(findings) if two_worlds else _merged(findings)), *lengths),
-        grids=grids if rows else (),
-    )
-
-
-def _of_two_worlds(findings: list[Finding]) -> tuple[Finding, ...]:
-    """One notice that replaces findings on disagreement: external sensors and those of ArduPilot's own simulation
-    differ."""
-    if not findings:
-        return ()
-    evidence = tuple(each for finding in findings for each in finding.evidence)
-    return (
-        Finding.notice(
+    if two_worlds and findings:  # one notice for all: sensors from outside and of ArduPilot's own simulation differ
+        notice = Finding.notice(
             "sensors.two_worlds",
             "Instances of sensors differ by more than ArduPilot allows before arming: some are fed from outside, the "
             "others belong to its own simulated vehicle",
-            evidence,
+            tuple(evidence for finding in findings for evidence in finding.evidence),
             "Switch the others off (INS_ENABLE_MASK, COMPASS_USE2 …), so that the estimator cannot use them.",
-        ),
-    )
+        )
+        findings = [notice]
+    return Section("sensors", "Sensors", findings=(*_merged(findings), *lengths), grids=grids if rows else ())
 
 
 def _merged(findings: list[Finding]) -> tuple[Finding, ...]:

@@ -7,11 +7,9 @@ import numpy as np
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Fact, Grid, Section, Value
-from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import stray_truth_m
 from xitl_cli.logs.signals.sensors import (
     InertialUnit,
-    RestPeriods,
     SensorSeries,
     find_rest,
     inertial_units,
@@ -41,43 +39,50 @@ def analyse(log: Log) -> Section | None:
     pause = log_pauses(log)
     still = find_rest(log, inertial)
     every: list[InertialUnit | SensorSeries] = [*inertial, *plain]
-    found = [sensor for each in every if (sensor := sensor_faults.judged_sensor(each, pause, log)) is not None]
-    armed = {sensor.name: armed_rows(log, sensor.stamp_ns) for sensor in found}
+    judged = [sensor_faults.judged_sensor(sensor, pause, log) for sensor in every]
+    sensors = [sensor for sensor in judged if sensor is not None]
+    armed = {sensor.name: armed_rows(log, sensor.stamp_ns) for sensor in sensors}
     parts = (
-        sensor_faults.timing_section(found, clock, telemetry=log.format == "tlog"),
-        sensor_faults.trouble_section(log, found, inertial, armed, clock),
+        sensor_faults.timing_section(sensors, clock, telemetry=log.format == "tlog"),
+        sensor_faults.trouble_section(log, sensors, inertial, armed, clock),
         agreement_section(inertial, plain, stray_truth_m(log) is not None, clock),
         noise_section(inertial, plain, still, parameter_values(log), sensors_simulated(log), clock),
         departures,
     )
-    first = Section(
-        "sensors",
-        _TITLE,
-        _facts(found, still, pause, sensor_faults.switched_off(log, pause)),
-        sensor_faults.recording_pauses(log, pause, clock),
-        (_grid(found),),
-        lacks=_lacks(log, inertial, plain),
-    )
+    off = sensor_faults.switched_off(log, pause)
+    lengths_s = (pause[:, 1] - pause[:, 0]) * 1e-9
+    facts = [
+        Fact("sensors", "Sensors", len(sensors)),
+        Fact("longest_rest_s", "Longest stretch at rest", significant(still.longest_s), "s"),
+        Fact("recording_paused_s", "Nothing logged at all", significant(float(lengths_s[~off].sum())), "s"),
+    ]
+    if off_s := float(lengths_s[off].sum()):
+        facts.append(Fact("logging_off_s", "Logging off while disarmed", significant(off_s), "s"))
+    lacks: list[str] = []
+    if log.format == "dataflash":  # the writer of a recording or of telemetry selects the sensors
+        sorts = {sensor.sort for sensor in plain}
+        if not inertial:
+            lacks.append("No inertial unit is logged; set the bit IMU of LOG_BITMASK.")
+        if "magnetometer" not in sorts:
+            lacks.append("No magnetometer is logged; set the bit COMPASS of LOG_BITMASK if there is one.")
+        if "barometer" not in sorts:
+            lacks.append("No barometer is logged.")
+    pauses = sensor_faults.recording_pauses(log, pause, clock)
+    first = Section("sensors", _TITLE, tuple(facts), pauses, (_grid(sensors),), lacks=tuple(lacks))
     return Section.joined("sensors", _TITLE, (first, *parts))
 
 
-def _facts(found: list[sensor_faults.JudgedSensor], still: RestPeriods, pause: Stamps, off: Flags) -> tuple[Fact, ...]:
-    lengths_s = (pause[:, 1] - pause[:, 0]) * 1e-9
-    off_s = float(lengths_s[off].sum())
-    return (
-        Fact("sensors", "Sensors", len(found)),
-        Fact("longest_rest_s", "Longest stretch at rest", significant(still.longest_s), "s"),
-        Fact("recording_paused_s", "Nothing logged at all", significant(float(lengths_s[~off].sum())), "s"),
-        *((Fact("logging_off_s", "Logging off while disarmed", significant(off_s), "s"),) if off_s else ()),
-    )
-
-
-def _grid(found: list[sensor_faults.JudgedSensor]) -> Grid:
+def _grid(sensors: list[sensor_faults.JudgedSensor]) -> Grid:
     rows: list[tuple[Value, ...]] = []
-    for sensor in found:
+    for sensor in sensors:
         regular = sensor.regularity
         unwell = None if sensor.healthy is None else int(np.count_nonzero(~sensor.healthy))
-        coldest, warmest = _span(sensor.temperature_degc)
+        coldest = warmest = None
+        if sensor.temperature_degc is not None:
+            degc = sensor.temperature_degc[np.isfinite(sensor.temperature_degc)]
+            degc = degc[np.abs(degc) < 300.0]
+            if degc.any():
+                coldest, warmest = significant(float(degc.min())), significant(float(degc.max()))
         rows.append(
             (
                 sensor.name,
@@ -100,28 +105,3 @@ def _grid(found: list[sensor_faults.JudgedSensor]) -> Grid:
         "repeated %", "unhealthy rows", "from °C", "to °C",
     )  # fmt: skip
     return Grid("sensors", "Rates, gaps, health", columns, tuple(rows))
-
-
-def _span(temperature_degc: Floats | None) -> tuple[float | None, float | None]:
-    if temperature_degc is None:
-        return None, None
-    known = temperature_degc[np.isfinite(temperature_degc) & (np.abs(temperature_degc) < 300.0)]
-    return (
-        (significant(float(known.min())), significant(float(known.max())))
-        if len(known) and known.any()
-        else (None, None)
-    )
-
-
-def _lacks(log: Log, inertial: list[InertialUnit], plain: list[SensorSeries]) -> tuple[str, ...]:
-    sorts = {each.sort for each in plain}
-    missing: list[str] = []
-    if log.format != "dataflash":
-        return ()  # the writer of a recording or of telemetry selects the sensors
-    if not inertial:
-        missing.append("No inertial unit is logged; set the bit IMU of LOG_BITMASK.")
-    if "magnetometer" not in sorts:
-        missing.append("No magnetometer is logged; set the bit COMPASS of LOG_BITMASK if there is one.")
-    if "barometer" not in sorts:
-        missing.append("No barometer is logged.")
-    return tuple(missing)

@@ -32,8 +32,8 @@ def analyse(log: Log) -> Section | None:
     own = task_totals(log)
     if clock_stood_still(own):  # nothing was measured, which the scheduler section reports
         own = []
-    found = task_file(log)
-    if not own and found is None:
+    listed = task_file(log)
+    if not own and listed is None:
         if log.format != "dataflash":
             return None
         return Section("tasks", "Tasks", lacks=(_FETCH,))
@@ -43,10 +43,16 @@ def analyse(log: Log) -> Section | None:
     grids: list[Grid] = []
     lacks: list[str] = []
     if own:
-        facts += _own_facts(own)
+        facts.append(Fact("tasks", "Periodic tasks", len(own)))
+        if runs := [task for task in own if task.run_max_s is not None]:
+            slowest = max(runs, key=lambda task: task.run_max_s or 0.0)
+            facts.append(Fact("longest_run_ms", f"Longest run ({slowest.name})", _ms(slowest.run_max_s), "ms"))
+        if starts := [task for task in own if task.start_max_s is not None]:
+            latest = max(starts, key=lambda task: task.start_max_s or 0.0)
+            facts.append(Fact("latest_start_ms", f"Latest start ({latest.name})", _ms(latest.start_max_s), "ms"))
         grids.append(_own_grid(own, clock))
-    if found is not None:
-        times, source = found
+    if listed is not None:
+        times, source = listed
         if tasks_counted(times):
             longest = max(times, key=lambda task: task.most_us)
             facts.append(Fact("scheduler_tasks", "Tasks of the scheduler", len(times)))
@@ -89,18 +95,6 @@ def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
         if tasks:
             return tasks, source
     return None
-
-
-def _own_facts(own: list[TaskTotal]) -> Iterator[Fact]:
-    runs = [task for task in own if task.run_max_s is not None]
-    starts = [task for task in own if task.start_max_s is not None]
-    yield Fact("tasks", "Periodic tasks", len(own))
-    if runs:
-        longest = max(runs, key=lambda task: task.run_max_s or 0.0)
-        yield Fact("longest_run_ms", f"Longest run ({longest.name})", _ms(longest.run_max_s), "ms")
-    if starts:
-        latest = max(starts, key=lambda task: task.start_max_s or 0.0)
-        yield Fact("latest_start_ms", f"Latest start ({latest.name})", _ms(latest.start_max_s), "ms")
 
 
 def _ms(seconds: float | None) -> float | None:
