@@ -172,7 +172,10 @@ class ExportResult:
 def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | None, overwrite: bool) -> ExportResult:
     """Write the selected tables. Raises LogError for an unknown format, an unwritable path, an existing file."""
     if file_format not in FORMATS:
-        raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join((*FORMATS, *BAG_FORMATS))}")
+        raise LogError(
+            f"--format = {file_format!r} is not known; choose from {', '.join((*FORMATS, *BAG_FORMATS))}, "
+            "or install the package that has it"
+        )
     if file_format == "mcap":
         from xitl_cli.logs.export.mcap_export import write_mcap
 

@@ -14,10 +14,14 @@ from xitl_cli.commands.options import From, Json, OpenPage, Raw, Until, Vessel, 
 from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse, tell_vessels
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
+from xitl_cli.registry import LOG_REPLAYS, load
 
 if TYPE_CHECKING:
     from xitl_cli.logs.report.model import Report
     from xitl_cli.logs.report.page import Replay
+
+XITL_REPLAY = "view"
+"""Name of xitl's own replay."""
 
 
 def analyze(
@@ -47,6 +51,9 @@ def analyze(
     with_replay: Annotated[
         bool, typer.Option("--replay/--no-replay", help="With --report, show the 3D replay next to the map.")
     ] = True,
+    replay_by: Annotated[
+        str, typer.Option("--replay-by", metavar="NAME", help="Make it with the replay of a package (default: view).")
+    ] = XITL_REPLAY,
     as_json: Json = False,
     open_it: OpenPage = False,
 ) -> None:
@@ -67,6 +74,8 @@ def analyze(
     page = report or (_page_path(files[0], "report") if open_it else None)
     if page is not None:
         html.refuse_other(page)
+    if replay_by != XITL_REPLAY:
+        load(LOG_REPLAYS, replay_by)  # refused before the analysis
     with progress("opening") as show_progress:
         held = page is not None
         results = build_report(files, analyses, show_progress, vessel or "", overview=overview, signals_held=held)
@@ -74,7 +83,7 @@ def analyze(
             replay = None
             if with_replay and overview:
                 show_progress("3D replay")
-                replay = _replay(results, vessel)
+                replay = _replay(results, vessel, replay_by)
             show_progress("page")
             html.write(results, page, replay)
     with quiet_pipe():
@@ -93,13 +102,13 @@ def analyze(
     raise typer.Exit(1 if results.failures else 0)
 
 
-def _replay(results: Report, vessel: str | None) -> Replay:
-    """Return the report's logs in 3D from the replay plug-in, or a sentence with the reason for no replay."""
+def _replay(results: Report, vessel: str | None, name: str) -> Replay:
+    """Return the report's logs in 3D from the replay plug-in `name`, or a sentence with the reason for no replay."""
     from xitl_cli.logs.report.page import Replay
-    from xitl_cli.registry import LOG_REPLAYS, PluginError, load
+    from xitl_cli.registry import PluginError, guarded
 
     try:
-        made: Replay = load(LOG_REPLAYS, "view")(results, vessel)
+        made: Replay = guarded(LOG_REPLAYS, name, load(LOG_REPLAYS, name), results, vessel)
     except PluginError as error:
         return Replay(note=f"there is no 3D replay: {error}")
     return made

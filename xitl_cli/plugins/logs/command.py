@@ -19,7 +19,7 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
-    from xitl_cli.logs.export.exporting import BagFormat, ExportResult
+    from xitl_cli.logs.export.exporting import ExportResult
     from xitl_cli.params.vehicle import VehicleFiles
 
 _ASK_AGAIN_S = 2.0
@@ -128,7 +128,10 @@ def export(
         list[str] | None, typer.Argument(metavar="[MESSAGE...]", help="Names of messages or topics; all without any.")
     ] = None,
     file_format: Annotated[
-        str, typer.Option("--format", help="csv, parquet, mcap, rosbag2-mcap, rosbag2-sqlite3 or rosbag1.")
+        str,
+        typer.Option(
+            "--format", help="csv, parquet, mcap, rosbag2-mcap, rosbag2-sqlite3, rosbag1 or a format of a package."
+        ),
     ] = "csv",
     out: Annotated[
         Path | None,
@@ -148,12 +151,13 @@ def export(
     a topic for each message. For a bag, MESSAGE may also be a ROS topic, such as imu/data.
     """
     from xitl_cli.logs import open_log
-    from xitl_cli.logs.export.exporting import BAG_FORMATS, ExportSelection, export_log
+    from xitl_cli.logs.export.exporting import FORMATS, ExportSelection, export_log
     from xitl_cli.logs.model.query import stamps_between, tables_named
     from xitl_cli.logs.model.text import parse_optional_seconds
+    from xitl_cli.registry import LOG_EXPORTS, names
 
-    if (bag_format := next((bag for bag in BAG_FORMATS if bag == file_format), None)) is not None:
-        _export_bag(file, messages or [], bag_format, out, (from_time, until_time), raw, overwrite, vessel, as_json)
+    if file_format not in FORMATS and file_format in names(LOG_EXPORTS):
+        _export_added(file, messages or [], file_format, out, (from_time, until_time), raw, overwrite, vessel, as_json)
         return
     with open_log(file, vessel) as log:
         named = tables_named(log, messages or list(log.tables))
@@ -169,10 +173,10 @@ def export(
     _tell_export(done, as_json)
 
 
-def _export_bag(
+def _export_added(
     file: Path,
     names: list[str],
-    bag_format: BagFormat,
+    file_format: str,
     out: Path | None,
     between: tuple[str | None, str | None],
     raw: bool,
@@ -184,15 +188,16 @@ def _export_bag(
     from xitl_cli.logs.export.exporting import ExportSelection
     from xitl_cli.logs.model.query import stamps_between
     from xitl_cli.logs.model.text import parse_optional_seconds
-    from xitl_cli.registry import LOG_EXPORTS, load
+    from xitl_cli.registry import LOG_EXPORTS, guarded, load
 
-    export_bag = load(LOG_EXPORTS, bag_format)
+    write = load(LOG_EXPORTS, file_format)
 
     with open_log(file, vessel) as log:
         named = {name.strip("/") for name in names}
         tables = tuple(table for table in log.tables.values() if not names or table.name.strip("/") in named)
         from_ns, until_ns = stamps_between(log, *(parse_optional_seconds(text) for text in between))
-        done = export_bag(log, ExportSelection(tables, from_ns, until_ns, raw), names, bag_format, out, overwrite)
+        selection = ExportSelection(tables, from_ns, until_ns, raw)
+        done = guarded(LOG_EXPORTS, file_format, write, log, selection, names, file_format, out, overwrite)
         tell_damage(log)
     _tell_export(done, as_json)
 

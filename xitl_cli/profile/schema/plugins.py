@@ -7,7 +7,7 @@ from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 from sim_core.vessel.actuators import ActuatorSpec
-from xitl_cli.registry import DRIVERS, NODES, PluginError, load, names, package_of
+from xitl_cli.registry import DRIVERS, LIVE_OUTPUTS, NODES, PluginError, load, names, package_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,9 +21,11 @@ class GroupsByName:
 
 
 def plugin_keys(name: str) -> type[Any]:
-    """The keys of a plug-in's node or driver. Raises PluginError when the plug-in is missing or cannot be used."""
-    if name in names(DRIVERS) and name not in names(NODES):
-        return _driver_keys(name)
+    """The keys of a plug-in's node, driver or live output. Raises PluginError when it is missing or cannot be used."""
+    if name not in names(NODES):
+        for registry, what in ((DRIVERS, "driver"), (LIVE_OUTPUTS, "live output")):
+            if name in names(registry):
+                return _optional_keys(registry, what, name)
     kind = load(NODES, name)
     if not (hasattr(kind, "keys") and hasattr(kind, "make") and hasattr(kind, "topics")):
         problem = f"registers {type(kind).__name__} in {NODES}, which is not xitl_cli.plugin.NodeKind"
@@ -49,8 +51,8 @@ def registered_keys(registry: str, name: str, kind: str) -> type[Any]:
     )
 
 
-def _driver_keys(name: str) -> type[Any]:
-    keys = getattr(load(DRIVERS, name), "keys", None)
+def _optional_keys(registry: str, what: str, name: str) -> type[Any]:
+    keys = getattr(load(registry, name), "keys", None)
     if isinstance(keys, type) and is_dataclass(keys):
         return keys
-    raise PluginError(f"{name}: the driver of {package_of(DRIVERS, name)} has no keys; leave the group out")
+    raise PluginError(f"{name}: the {what} of {package_of(registry, name)} has no keys; leave the group out")

@@ -154,7 +154,7 @@ def test_a_disarmed_vessel_is_stopped_by_that(vessel: Vessel, golden: Golden) ->
 def test_a_failsafe_that_changes_no_mode_is_named_while_in_force(vessel: Vessel, golden: Golden) -> None:
     vessel.say(20.0, "Failsafe: no IMU for 0.25 s, outputs neutral")
     golden("text", vessel.stop(), "20.0 s", "0.25 s")
-    vessel.say(25.0, "Failsafe over: IMU is back, outputs go on")
+    vessel.say(25.0, "Failsafe over: IMU is back, outputs resume")
     assert vessel.stop() == ""
 
 
