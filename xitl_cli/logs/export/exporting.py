@@ -51,7 +51,12 @@ def write_csv(
             for begin in range(0, len(piece), _LINES):
                 some = slice(begin, begin + _LINES)
                 times = [_seconds(stamps[some] - zero_ns), *([_seconds(in_utc(stamps[some], utc))] if utc else [])]
-                cells = [_cells(flat, one[some]) for flat, one in zip(columns, values, strict=True)]
+                cells = []
+                for flat, column in zip(columns, values, strict=True):
+                    texts = text_cells(column[some])
+                    if flat.column.kind == "text":
+                        texts = [text.translate(_BREAKS) for text in texts]
+                    cells.append(texts)
                 writer.writerows(zip(*times, *cells, strict=True))
     return columns, left_out
 
@@ -71,11 +76,6 @@ def time_names(table: Table, utc: bool) -> list[str]:
     """Names of the time columns, with an underscore if a field has the same name."""
     names = ["time_s", "utc_s"] if utc else ["time_s"]
     return [f"{name}_" if name in table.columns else name for name in names]
-
-
-def _cells(flat: FlatColumn, values: NDArray[Any]) -> list[str]:
-    shown = text_cells(values)
-    return [text.translate(_BREAKS) for text in shown] if flat.column.kind == "text" else shown
 
 
 def _seconds(since_ns: NDArray[np.int64]) -> list[str]:
@@ -113,37 +113,28 @@ def write_parquet(
         for piece in pieces:
             stamps = table.stamp_ns[piece]
             seconds = [(stamps - zero_ns) * 1e-9, *([in_utc(stamps, utc) * 1e-9] if utc else [])]
-            values = [*seconds, stamps, *map(_widened, flat_values(table, columns, piece, raw))]
+            values = [*seconds, stamps]
+            for column in flat_values(table, columns, piece, raw):
+                half = column.dtype == np.float16  # few programs read half precision
+                values.append(column.astype(np.float32) if half else column)
             if schema is None:
                 units = ["s"] * len(seconds) + ["ns"]
                 units += [flat.column.raw_unit if raw else flat.column.unit for flat in columns]
                 kinds = ["number"] * len(times) + [flat.column.kind for flat in columns]
                 names = [*times, *(flat.name for flat in columns)]
-                fields = [
-                    pa.field(name, _type(pa, kind, one), metadata={"unit": unit} if unit else None)
-                    for name, kind, unit, one in zip(names, kinds, units, values, strict=True)
-                ]
+                types = {"text": pa.string(), "bytes": pa.binary()}
+                fields = []
+                for name, kind, unit, array in zip(names, kinds, units, values, strict=True):
+                    arrow_type = types[kind] if kind in types else pa.from_numpy_dtype(array.dtype)
+                    fields.append(pa.field(name, arrow_type, metadata={"unit": unit} if unit else None))
                 schema = pa.schema(fields, metadata={"message": table.name})
                 writer = parquet.ParquetWriter(str(path), schema)
-            arrays = [pa.array(one, type=field.type) for one, field in zip(values, schema, strict=True)]
+            arrays = [pa.array(array, type=field.type) for array, field in zip(values, schema, strict=True)]
             writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
     finally:
         if writer is not None:
             writer.close()
     return columns, left_out
-
-
-def _type(pa: Any, kind: str, values: NDArray[Any]) -> Any:
-    if kind == "text":
-        return pa.string()
-    if kind == "bytes":
-        return pa.binary()
-    return pa.from_numpy_dtype(values.dtype)
-
-
-def _widened(values: NDArray[Any]) -> NDArray[Any]:
-    """Half precision converted to float32, because few programs read half precision."""
-    return values.astype(np.float32) if values.dtype == np.float16 else values
 
 
 FORMATS = ("csv", "parquet", "mcap")
@@ -205,7 +196,10 @@ def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | 
 
 
 def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Path, overwrite: bool) -> ExportResult:
-    write = _writer(file_format)
+    write: _Writer = write_csv
+    if file_format == "parquet":
+        require_parquet()
+        write = write_parquet
     reserved = (COLUMNS_FILE.removesuffix(".csv"),)
     names = {
         name: f"{made}.{file_format}" for name, made in file_names((t.name for t in wanted.tables), reserved).items()
@@ -230,22 +224,15 @@ def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Pa
     for path in also:
         with part_of(path, overwrite) as part:
             write_columns(part, described, wanted.raw)
-    what = f"{_of(rows_written, wanted)}, a file each"
+    rows_text = f"{_of(rows_written, wanted)}, a file each"
     known = "the log has no UTC" if utc is None else f"utc_s is UTC {utc.source}"
-    sentence = f"{directory}: {what}; time_s counts seconds since {log.zero_in_words}; {known}"
+    sentence = f"{directory}: {rows_text}; time_s counts seconds since {log.zero_in_words}; {known}"
     return ExportResult(tuple(str(path) for path in [*paths, *also]), rows_written, sentence, tuple(notes))
 
 
 _Writer = Callable[
     [Path, Table, list[NDArray[np.intp]], int, UtcOffset | None, bool], tuple[list[FlatColumn], list[str]]
 ]
-
-
-def _writer(file_format: str) -> _Writer:
-    if file_format == "csv":
-        return write_csv
-    require_parquet()
-    return write_parquet
 
 
 def _refuse_itself(log: Log, paths: list[Path]) -> None:

@@ -67,7 +67,7 @@ class TableMessages:
         names = field_names(table.columns)
         self._fields = [self._field(column, names[column.name]) for column in table.columns.values()]
         self.definition = "".join(
-            f"{field.declared} {field.name}  # {self._said(field.column)}\n" for field in self._fields
+            f"{field.declared} {field.name}  # {self._comment(field.column)}\n" for field in self._fields
         )
 
     def payloads(self, rows: NDArray[np.intp]) -> Iterator[bytes]:
@@ -101,8 +101,8 @@ class TableMessages:
     def _field(self, column: Column, name: str) -> _Field:
         if column.kind != "number":
             return _Field(name, column, np.dtype("u1"), None)
-        one = self._table.values(column.name, slice(0, 1), raw=self._raw)
-        dtype = np.dtype(np.float32) if one.dtype == np.float16 else one.dtype.newbyteorder("<")
+        stored = self._table.values(column.name, slice(0, 1), raw=self._raw).dtype
+        dtype = np.dtype(np.float32) if stored == np.float16 else stored.newbyteorder("<")
         if not column.shape:
             return _Field(name, column, dtype, None)
         return _Field(name, column, dtype, -1 if -1 in column.shape else int(np.prod(column.shape)))
@@ -113,10 +113,9 @@ class TableMessages:
             values = values.reshape(len(values), -1)
         return values if field.column.kind != "number" else values.astype(field.dtype)
 
-    def _said(self, column: Column) -> str:
+    def _comment(self, column: Column) -> str:
         unit = column.raw_unit if self._raw else column.unit
-        said = f"{column.name}, {unit}" if unit else column.name
-        return said.replace("\n", " ")
+        return (f"{column.name}, {unit}" if unit else column.name).replace("\n", " ")
 
 
 def _append(payload: bytearray, field: _Field, value: Any) -> None:
@@ -178,7 +177,7 @@ def write_mcap(
         for table, message in zip(tables, messages, strict=True):
             name = f"xitl_export/msg/{names[table.name]}"
             schema = writer.register_schema(name, "ros2msg", message.definition.encode())
-            channels.append(writer.register_channel(_topic(table.name), "cdr", schema))
+            channels.append(writer.register_channel(f"/{table.name.removeprefix('/')}", "cdr", schema))
         source = {
             "source": log.path.name,
             "format": log.format,
@@ -205,10 +204,6 @@ def write_mcap(
             writer.flush()
         writer.finish()
     return rows_written, early
-
-
-def _topic(name: str) -> str:
-    return name if name.startswith("/") else f"/{name}"
 
 
 def field_names(columns: Iterable[str]) -> dict[str, str]:

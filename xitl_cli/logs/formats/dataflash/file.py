@@ -88,8 +88,8 @@ class DataFlashLog(Log):
 
     @property
     def rowless(self) -> Collection[str]:
-        described = {one.name for versions in self._index.described.versions.values() for one in versions}
-        return described - self.tables.keys()
+        every = (version for versions in self._index.described.versions.values() for version in versions)
+        return {version.name for version in every} - self.tables.keys()
 
     @cached_property
     def _parts(self) -> list[DefinitionRows]:
@@ -135,7 +135,7 @@ class DataFlashLog(Log):
     def _times(self) -> Times:
         every = [version for versions in self._index.described.versions.values() for version in versions]
         timed = self._index.described.types().timed
-        if all((one.time is not None) == one.begins_with_time == timed[one.type_id] for one in every):
+        if all((own.time is not None) == own.begins_with_time == timed[own.type_id] for own in every):
             return times_in_heads(self._data, self._index.found.place, self._index.found.type_id, timed)
         return times_in_columns([table for table in self.tables.values() if table.timed])
 
@@ -146,30 +146,27 @@ class DataFlashLog(Log):
     @cached_property
     def health(self) -> LogHealth:
         found = self._index.found
+        # Undecodable rows by type, or by type and column if only a column cannot be read.
+        rows = []
+        for part in self._parts:
+            own = part.definition
+            names = [f"{own.name}.{column}" for column in own.unread] if own.fields else [own.name]
+            rows += [(name, len(part), own.why) for name in names]
+        for type_id in self._index.described.assumed:
+            count = int(np.count_nonzero(found.type_id == type_id))
+            rows.append((f"type {type_id}", count, "no FMT record describes it"))
+        undecoded: dict[str, tuple[int, str]] = {}
+        for name, count, why in rows:
+            if count:
+                undecoded[name] = undecoded.get(name, (0, why))[0] + count, why
         return found.losses.health(
             len(self._data),
             len(found.place),
             back_in_time=self._times.back_in_time,
             replaced_stamps=self._times.replaced,
             redefined=self._index.described.redefined,
-            undecoded=MappingProxyType(self._undecoded()),
+            undecoded=MappingProxyType(undecoded),
         )
-
-    def _undecoded(self) -> dict[str, tuple[int, str]]:
-        """Undecodable rows by type, or by type and column if only a column cannot be read."""
-        listed = []
-        for part in self._parts:
-            one = part.definition
-            names = [f"{one.name}.{column}" for column in one.unread] if one.fields else [one.name]
-            listed += [(name, len(part), one.why) for name in names]
-        for type_id in self._index.described.assumed:
-            count = int(np.count_nonzero(self._index.found.type_id == type_id))
-            listed.append((f"type {type_id}", count, "no FMT record describes it"))
-        found: dict[str, tuple[int, str]] = {}
-        for name, count, why in listed:
-            if count:
-                found[name] = found.get(name, (0, why))[0] + count, why
-        return found
 
     @property
     def facts(self) -> Mapping[str, str]:
@@ -208,12 +205,12 @@ def meanings(data: Bytes, parts: Mapping[str, Sequence[DefinitionRows]]) -> Mean
 
 
 def _by_character(data: Bytes, parts: Sequence[DefinitionRows], column: str, letters: str) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    meanings_by_character: dict[str, Any] = {}
     for part in parts:
         numbers = _column(data, part, "Id", _NUMBER).tolist()
-        values = _column(data, part, column, letters).tolist()
-        found.update({chr(number & 0xFF): value for number, value in zip(numbers, values, strict=False)})
-    return found
+        for number, value in zip(numbers, _column(data, part, column, letters).tolist(), strict=False):
+            meanings_by_character[chr(number & 0xFF)] = value
+    return meanings_by_character
 
 
 def _column(data: Bytes, part: DefinitionRows, name: str, letters: str) -> NDArray[Any]:

@@ -201,24 +201,24 @@ def _distinct(names: tuple[str, ...], count: int) -> list[str]:
     if len(names) != count:
         parted = [part for name in names for part in _NOT_IN_A_NAME.split(name)]
         names = tuple(parted) if len(parted) == count else (names[0] if names else "", *[""] * (count - 1))
-    found: list[str] = []
+    distinct: list[str] = []
     for place, name in enumerate(names, start=1):
-        if not name or name in found:
+        if not name or name in distinct:
             name = f"{name}_{place}" if name else f"column_{place}"
-        while name in found:
+        while name in distinct:
             name += "_"
-        found.append(name)
-    return found
+        distinct.append(name)
+    return distinct
 
 
 def plausible_fmt(payload: bytes) -> bool:
     """Whether these 86 bytes are a plausible FMT record: text in text fields, letters that add up to the length."""
-    found = parse_fmt(payload, 0)
+    described = parse_fmt(payload, 0)
     return (
-        _NAME.fullmatch(found.name) is not None
-        and bool(found.letters)
-        and found.letters_length == found.length
-        and len(found.names) == len(found.letters)
+        _NAME.fullmatch(described.name) is not None
+        and bool(described.letters)
+        and described.letters_length == described.length
+        and len(described.names) == len(described.letters)
     )
 
 
@@ -248,7 +248,7 @@ def measures(
     definition: RecordDefinition, units: str, multipliers: str, labels: Mapping[str, str], factors: Mapping[str, float]
 ) -> dict[str, Measure]:
     """Measures by column, from FMTU's characters. labels, factors: by character, from UNIT and MULT."""
-    found = {}
+    by_column = {}
     names = _distinct(definition.names, len(definition.letters))
     fields = {field.name: field for field in definition.fields}
     for place, name in enumerate(names):
@@ -256,9 +256,12 @@ def measures(
             continue
         character = units[place : place + 1]
         label = "" if character in ("", "-", "?", "#") else labels.get(character, "")
-        factor = _factor(multipliers[place : place + 1], factors)
-        found[name] = _measure(fields[name], _UNITS.get(label, label), factor, character == "#")
-    return found
+        # MULT holds single-precision numbers in double precision.
+        multiplier = multipliers[place : place + 1]
+        factor = 1.0 if multiplier in ("", "-", "?") else factors.get(multiplier, 1.0)
+        factor = float(f"{factor:.7g}") if np.isfinite(factor) and factor != 0.0 else 1.0
+        by_column[name] = _measure(fields[name], _UNITS.get(label, label), factor, character == "#")
+    return by_column
 
 
 def _measure(field: RecordField, unit: str, factor: float, instance: bool) -> Measure:
@@ -269,14 +272,6 @@ def _measure(field: RecordField, unit: str, factor: float, instance: bool) -> Me
     if unit == "s" and factor < 1.0 and prefix and field.letter not in "fdg":
         return Measure(raw_unit, raw_unit, 1.0, instance)
     return Measure(unit, raw_unit, factor, instance)
-
-
-def _factor(character: str, factors: Mapping[str, float]) -> float:
-    """Factor of a MULT character; 1: none. MULT holds single-precision numbers in double precision."""
-    factor = 1.0 if character in ("", "-", "?") else factors.get(character, 1.0)
-    if not np.isfinite(factor) or factor == 0.0:
-        return 1.0
-    return float(f"{factor:.7g}")
 
 
 FMT = definition(0, FMT_ID, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
@@ -597,7 +592,7 @@ class _RecordChain:
         low_us, high_us = self._near(start, stop)
         if stop - start <= _FEW:
             return [head for head in range(start, stop) if self._makes_sense(head, place, until, low_us, high_us)]
-        found = []
+        sensible = []
         for at in range(start, stop, _STEP):
             places, lengths = self._place[at : min(at + _STEP, stop)], self._length[at : min(at + _STEP, stop)]
             type_ids = self._type_id[at : min(at + _STEP, stop)]
@@ -609,10 +604,10 @@ class _RecordChain:
             named = np.flatnonzero(fits & (type_ids == FMT_ID))
             first = self._data[places[named] + HEAD_BYTES + 2]
             likely[named] = (first >= ord("A")) & (first <= ord("Z"))
-            for one in (np.flatnonzero(likely) + at).tolist():
-                if self._makes_sense(one, place, until, low_us, high_us):
-                    found.append(one)
-        return found
+            for head in (np.flatnonzero(likely) + at).tolist():
+                if self._makes_sense(head, place, until, low_us, high_us):
+                    sensible.append(head)
+        return sensible
 
     def _makes_sense(self, head: int, place: int, until: int, low_us: int, high_us: int) -> bool:
         start, length, type_id = int(self._place[head]), int(self._length[head]), int(self._type_id[head])
@@ -634,9 +629,9 @@ class _RecordChain:
     def _time_before(self, head: int) -> int | None:
         """Time of the last timed record that was kept before this header."""
         for start, stop in reversed(self._spans[-64:]):
-            for kept in range(min(stop, head) - 1, max(start, stop - 64) - 1, -1):
-                if self._types.timed[self._type_id[kept]]:
-                    return self._time_us(int(self._place[kept]))
+            for earlier in range(min(stop, head) - 1, max(start, stop - 64) - 1, -1):
+                if self._types.timed[self._type_id[earlier]]:
+                    return self._time_us(int(self._place[earlier]))
         return None
 
     def _time_from(self, head: int) -> int | None:
@@ -678,8 +673,8 @@ class DescribedTypes:
         length = np.zeros(256, np.uint8)
         timed = np.zeros(256, np.bool_)
         changes = []
-        for type_id, one in self.assumed.items():
-            length[type_id] = one
+        for type_id, assumed_length in self.assumed.items():
+            length[type_id] = assumed_length
         for type_id, versions in self.versions.items():
             length[type_id] = versions[0].length
             timed[type_id] = all(version.begins_with_time for version in versions)
@@ -692,8 +687,8 @@ def likely_fmt(data: Bytes, heads: Heads, place: Places) -> Places:
     place = place[place + FMT_LENGTH <= len(data)]
     followed = heads.are_at(place + FMT_LENGTH, len(data))
     first = data[place + HEAD_BYTES + 2]
-    for one in np.flatnonzero(~followed & (first >= ord("A")) & (first <= ord("Z"))).tolist():
-        followed[one] = plausible_fmt(payload_at(data, int(place[one])))
+    for row in np.flatnonzero(~followed & (first >= ord("A")) & (first <= ord("Z"))).tolist():
+        followed[row] = plausible_fmt(payload_at(data, int(place[row])))
     return place[followed]
 
 
@@ -799,10 +794,10 @@ class _DefinitionSearch:
         place = self._heads.place
         place = place[place + FMT_LENGTH <= len(self._data)]
         likely = place[(self._data[place + 3] == type_id) & (self._data[place + 4] == length)]
-        for one in likely[:_SAMPLE].tolist():
-            payload = payload_at(self._data, one)
+        for fmt_place in likely[:_SAMPLE].tolist():
+            payload = payload_at(self._data, fmt_place)
             if plausible_fmt(payload):
-                return parse_fmt(payload, one)
+                return parse_fmt(payload, fmt_place)
         return None
 
     def _meant_for(self, type_id: int, length: int) -> RecordDefinition | None:

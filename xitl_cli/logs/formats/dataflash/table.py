@@ -270,19 +270,19 @@ def read_columns(data: Bytes, many: Sequence[ColumnJob], forget: Forget | None =
     edges = np.arange(0, len(data) + _WINDOW, _WINDOW)
     if len(many) == 1:  # rows of one type are so far apart that a window does not help
         edges = np.array([0, len(data)])
-    cuts = [np.searchsorted(one.place, edges).tolist() for one in many]
+    cuts = [np.searchsorted(job.place, edges).tolist() for job in many]
 
     for at in range(len(edges) - 1):
-        for one, cut in zip(many, cuts, strict=True):
+        for job, cut in zip(many, cuts, strict=True):
             for start in range(cut[at], cut[at + 1], _ROWS_AT_ONCE):
-                _fill_rows(data, one, start, min(start + _ROWS_AT_ONCE, cut[at + 1]))
+                _fill_rows(data, job, start, min(start + _ROWS_AT_ONCE, cut[at + 1]))
         if forget is not None:
             forget(int(edges[at]), int(edges[at + 1]))
 
 
-def _fill_rows(data: Bytes, one: ColumnJob, start: int, stop: int) -> None:
-    table = _every(data, one.length)[one.place[start:stop]].view(one.layout)
-    for number, (_, divisor, multiplier, out) in enumerate(one.fields):
+def _fill_rows(data: Bytes, job: ColumnJob, start: int, stop: int) -> None:
+    table = _every(data, job.length)[job.place[start:stop]].view(job.layout)
+    for number, (_, divisor, multiplier, out) in enumerate(job.fields):
         column = table[str(number)]
         if divisor != 1.0:
             np.divide(column, divisor, out=out[start:stop])
@@ -301,7 +301,13 @@ def decoded_column(values: NDArray[Any], column: Column) -> NDArray[Any]:
     """Text as str, bytes as objects, numbers unchanged."""
     if column.kind == "number":
         return values
-    return decode_text(values) if column.kind == "text" else _objects(values)
+    if column.kind == "text":
+        return decode_text(values)
+    width = values.dtype.itemsize
+    stored = np.ascontiguousarray(values).tobytes()
+    objects = np.empty(len(values), object)
+    objects[:] = [stored[at : at + width] for at in range(0, len(stored), width)]
+    return objects
 
 
 def decode_text(values: NDArray[np.bytes_]) -> NDArray[np.str_]:
@@ -314,26 +320,15 @@ def decode_text(values: NDArray[np.bytes_]) -> NDArray[np.str_]:
     foreign = np.flatnonzero((characters >= 0x80).any(axis=1))
     longest = max(int(width - ended.sum(axis=1).min()), 1)
     plain = np.where(ended | (characters >= 0x80), 0, characters)[:, :longest]
-    found = np.ascontiguousarray(plain, dtype=np.uint8).view(f"S{longest}").ravel().astype(f"U{longest}")
+    texts = np.ascontiguousarray(plain, dtype=np.uint8).view(f"S{longest}").ravel().astype(f"U{longest}")
     for row in foreign.tolist():
-        found[row] = _decoded(characters[row].tobytes())
-    return found
-
-
-def _decoded(whole: bytes) -> str:
-    try:
-        found = whole.decode()
-    except UnicodeDecodeError:
-        found = whole.decode("latin-1")
-    return found.partition("\0")[0]
-
-
-def _objects(values: NDArray[Any]) -> NDArray[np.object_]:
-    width = values.dtype.itemsize
-    whole = np.ascontiguousarray(values).tobytes()
-    found = np.empty(len(values), object)
-    found[:] = [whole[at : at + width] for at in range(0, len(whole), width)]
-    return found
+        stored = characters[row].tobytes()
+        try:
+            text = stored.decode()
+        except UnicodeDecodeError:
+            text = stored.decode("latin-1")
+        texts[row] = text.partition("\0")[0]
+    return texts
 
 
 class DefinitionRows:

@@ -374,21 +374,18 @@ def has_footer(source: FileReader) -> bool:
 
 def from_summary(source: FileReader, losses: RecordingLosses) -> RecordingIndex | None:
     """Index from the summary; None if it is missing or wrong. Its chunks are not settled yet."""
-    found = _footer(source)
-    if found is None:
+    footer = _footer(source)
+    if footer is None:
         return None
-    start, crc, end = found
+    start, crc, end = footer
     if not len(MAGIC) < start < end or end - start > _LARGEST:
         return None
     data = source.read(start, end - start)
     if crc and zlib.crc32(source.read(end, 9 + 16), zlib.crc32(data)) != crc:
         losses.note(start, 0, "the checksum of the summary does not match")
         return None
-    index, entries, statistics = (
-        RecordingIndex(closed=True, summarized=True, losses=losses),
-        list[ChunkIndexRecord](),
-        list[StatisticsRecord](),
-    )
+    index = RecordingIndex(closed=True, summarized=True, losses=losses)
+    entries, statistics = list[ChunkIndexRecord](), list[StatisticsRecord]()
     try:
         at = 0
         while at < len(data):

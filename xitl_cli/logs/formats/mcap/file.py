@@ -91,8 +91,8 @@ class McapLog(Log):
                 + (f"choose from {there}" if there else "it has one vessel only: omit --vessel")
             )
         topics = self._topics()
-        said = {LOG_TOPIC: SaidOfVessel(topics[LOG_TOPIC], self)} if self._vessel and LOG_TOPIC in topics else {}
-        self._tables = Tables(topics, self._frame_topics(), self.frame_tables, said)
+        own_log = {LOG_TOPIC: SaidOfVessel(topics[LOG_TOPIC], self)} if self._vessel and LOG_TOPIC in topics else {}
+        self._tables = Tables(topics, self._frame_topics(), self.frame_tables, own_log)
         self._frames: dict[str, dict[str, Table]] = {}
         self._frames_left: dict[str, int] = {}
 
@@ -192,9 +192,20 @@ class McapLog(Log):
         KeyError if there is no such topic.
         """
         known = self._frames.get(topic)
-        if known is None:
-            known = self._frames[topic] = self._decoded_frames(topic)
-        return known
+        if known is not None:
+            return known
+        from xitl_cli.logs.formats.tlog.frames import frame_tables
+
+        if topic not in self._frame_topics():
+            raise KeyError(topic)
+        table = self._tables.topics[topic]
+        tables: dict[str, Table] = {}
+        if "frame" in table.columns:
+            frames = table.values("frame").tolist()
+            tables, counts = frame_tables(topic, frames, table.stamp_ns, table.file_offset)
+            self._frames_left[topic] = counts.frames - counts.decoded
+        self._frames[topic] = tables
+        return tables
 
     def close(self) -> None:
         self._source.close()
@@ -202,18 +213,6 @@ class McapLog(Log):
     def payloads(self, topic: str) -> Iterator[bytes]:
         table = self._tables.topics.get(topic)
         return iter(()) if table is None else table.payloads()
-
-    def _decoded_frames(self, topic: str) -> dict[str, Table]:
-        from xitl_cli.logs.formats.tlog.frames import frame_tables
-
-        if topic not in self._frame_topics():
-            raise KeyError(topic)
-        table = self._tables.topics[topic]
-        if "frame" not in table.columns:
-            return {}
-        tables, counts = frame_tables(topic, table.values("frame").tolist(), table.stamp_ns, table.file_offset)
-        self._frames_left[topic] = counts.frames - counts.decoded
-        return tables
 
     def _frame_topics(self) -> frozenset[str]:
         index = self._index

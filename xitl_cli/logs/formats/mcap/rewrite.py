@@ -139,7 +139,12 @@ class _Writer:
             offsets = content.rows.offset - MESSAGE_OVERHEAD
         elif known.any():
             self._add_channels(number for number, _ in _counts(channel))
-            data, offsets = _messages(data, content, known)
+            # The known messages in sequence, and the offset of each.
+            begin = content.rows.offset[known] - MESSAGE_OVERHEAD
+            size = content.rows.size[known] + MESSAGE_OVERHEAD
+            view = memoryview(data)
+            data = b"".join([view[at : at + length] for at, length in zip(begin.tolist(), size.tolist(), strict=True)])
+            offsets = np.cumsum(size) - size
             compression = chunk.compression if chunk.compression in _PACK and not chunk.loose else _OTHERWISE
             packed = _PACK[compression](data)
             self._done.rebuilt += 1
@@ -193,7 +198,7 @@ class _Writer:
             metadata_count=done.metadata,
             schema_count=len(schemas),
         )
-        each: Sequence[tuple[Opcode, Sequence[written.McapRecord]]] = (
+        summary_records: Sequence[tuple[Opcode, Sequence[written.McapRecord]]] = (
             (Opcode.SCHEMA, schemas),
             (Opcode.CHANNEL, channels),
             (Opcode.STATISTICS, [statistics]),
@@ -202,7 +207,7 @@ class _Writer:
             (Opcode.METADATA_INDEX, self._metadata_indexes),
         )
         at = begin
-        for opcode, records_of_group in each:
+        for opcode, records_of_group in summary_records:
             group = b"".join(map(_bytes, records_of_group))
             if group:
                 groups.append(group)
@@ -309,12 +314,3 @@ def _bytes(record: written.McapRecord) -> bytes:
 
 def _schema(schema: SchemaRecord) -> written.Schema:
     return written.Schema(schema.id, schema.data, schema.encoding, schema.name)
-
-
-def _messages(data: bytes, content: ChunkContent, known: NDArray[np.bool_]) -> tuple[bytes, NDArray[np.int64]]:
-    """Records of these messages in sequence, and the offset of each."""
-    begin = content.rows.offset[known] - MESSAGE_OVERHEAD
-    size = content.rows.size[known] + MESSAGE_OVERHEAD
-    view = memoryview(data)
-    kept = [view[at : at + each] for at, each in zip(begin.tolist(), size.tolist(), strict=True)]
-    return b"".join(kept), np.cumsum(size) - size

@@ -311,11 +311,8 @@ class TelemetryLog(Log):
     @cached_property
     def base(self) -> Base:
         stamp_us = self._stamp_ns // 1000
-        return (
-            "utc"
-            if (bool(len(stamp_us)) and _FIRST_YEAR_US <= float(np.median(stamp_us)) <= _LAST_YEAR_US)
-            else "unknown"
-        )
+        in_this_century = len(stamp_us) > 0 and _FIRST_YEAR_US <= float(np.median(stamp_us)) <= _LAST_YEAR_US
+        return "utc" if in_this_century else "unknown"
 
     @property
     def tables(self) -> Mapping[str, Table]:
@@ -343,8 +340,8 @@ def _trusted(found: FrameIndex) -> tuple[NDArray[np.int64], int]:
     """Stamps (N,) in µs, and the number of replaced stamps."""
     doubted = ~found.stamped | (found.stamp_us > _LARGEST_US)
     stamps = np.where(doubted, 0, found.stamp_us).astype(np.int64)
-    told = np.flatnonzero(~doubted)
-    doubted[told[_strange(stamps[told])]] = True
+    known = np.flatnonzero(~doubted)
+    doubted[known[_strange(stamps[known])]] = True
     if not doubted.any():
         return stamps, 0
     trusted = np.flatnonzero(~doubted)

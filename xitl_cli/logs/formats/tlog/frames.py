@@ -281,8 +281,8 @@ def intact(data: NDArray[np.uint8], frames: FrameHeaders) -> NDArray[np.bool_]:
     ends = frames.payload[known] + frames.length[known]
     first = frames.start[known] + 1
     extra = _extra_by_kind()[frames.kind[known]]
-    told = data[ends].astype(np.uint16) | data[ends + 1].astype(np.uint16) << np.uint16(8)
-    result[known] = checksums(data, first, ends - first, extra) == told
+    stored = data[ends].astype(np.uint16) | data[ends + 1].astype(np.uint16) << np.uint16(8)
+    result[known] = checksums(data, first, ends - first, extra) == stored
     return result
 
 
@@ -460,8 +460,8 @@ def tables_by_message(
     order = np.argsort(kind, kind="stable")
     present, first = np.unique(kind[order], return_index=True)
     tables: dict[str, Table] = {}
-    for one, rows in zip(present.tolist(), np.split(order, first[1:]), strict=True):
-        definition = definitions()[numbers()[one]]
+    for number, rows in zip(present.tolist(), np.split(order, first[1:]), strict=True):
+        definition = definitions()[numbers()[number]]
         name = f"{prefix}:{definition.name}" if prefix else definition.name
         tables[name] = FrameTable(name, definition, data, start[rows], stamp_ns[rows], place[rows])
     return dict(sorted(tables.items()))
