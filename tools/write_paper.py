@@ -16,7 +16,7 @@ from typing import Any
 from PIL import Image
 
 from xitl_cli.experiment.report import told_text
-from xitl_cli.plugins.studies.experiments.catalogue import EXPERIMENTS
+from xitl_cli.plugins.studies.api import EXPERIMENTS
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE, IMAGES = ROOT / "docs" / "paper.md", ROOT / "docs" / "img"

@@ -284,9 +284,8 @@ def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]
             process.kill()
             _, errors = client.communicate(timeout=ENOUGH_S)
             assert client.returncode == 2, errors
-            assert "the scheduler does not respond; completed runs are kept; continue with --resume" in " ".join(
-                errors.split()
-            )
+            sentence = "the scheduler does not respond; completed runs are kept; continue with --resume"
+            assert sentence in " ".join(errors.split())
             assert "Traceback" not in errors
         away = campaign("plan.yaml", "--on", address, "--out", "out", "--resume", code=2)
         assert f"--on {address}: does not answer" in " ".join(away.split())

@@ -90,7 +90,7 @@ def test_names_of_files_command_no_terminal(logs: Run, log: Path) -> None:
     assert "\x1b" not in logs("analyze", hostile.name, "--section", "vehicle").stdout
     told = logs("info", "\x1b[31mnone.bin", "\x1b[31mnor.bin")
     assert "\x1b" not in told.stderr
-    assert told.stderr.count("there is no such file") == 2
+    assert told.stderr.count("does not exist") == 2
 
 
 def test_a_name_that_is_no_utf_8(log: Path) -> None:

@@ -87,7 +87,7 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
             page.get_by_text("Debris and orders", exact=True).click()
             page.get_by_label("A click on the water").click()
             page.get_by_role("option", name=LAUNCHES).click()
-            refused = page.get_by_text("that is not on the water")
+            refused = page.get_by_text("the click is not on the water")
 
             def click_on_the_sky() -> bool:
                 """Until the page listens for clicks on the picture."""

@@ -13,15 +13,16 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
 from sim_core.world.spec import LAST_MMSI, AisSpec
-from xitl_cli.profile.checks.places import Places, hull_outline
+from xitl_cli.profile.checks.fleet import Places, hull_outline
 from xitl_cli.profile.files.compose import OWN_KEYS, at_speed_of_vessel, laid_on
 from xitl_cli.profile.files.entry import Entry, Problem, ProfileError, dotted, merge
 from xitl_cli.profile.reader import Reader
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import MOST_VESSELS, MissionSpec, StartSpec
-from xitl_cli.profile.schema.fleet import SAILED, SeveralSpec
-from xitl_cli.profile.schema.formation import (
+from xitl_cli.profile.schema.fleet import (
+    SAILED,
     Offset,
+    SeveralSpec,
     ahead_of,
     formation_offsets,
     in_forward_starboard,
@@ -35,8 +36,6 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _SEVERAL = tuple(field.name for field in fields(SeveralSpec))
 _OF_A_VESSEL = (*SAILED, "traffic", *_SEVERAL)
 _OF_ALL = tuple(field.name for field in fields(Profile) if field.name not in (*_OF_A_VESSEL, *OWN_KEYS, "vessels"))
-
-Problems = list[Problem]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,18 +89,18 @@ def read_fleet(entry: Entry, name: str) -> tuple[Profile, list[FleetEntry]]:
     written = _written(entry.value["vessels"], name)
     reader = Reader()
     profile = reader.read(at_speed_of_vessel(shared), Profile, ())
-    found = [_read(reader, vessel, shared, own) for vessel, own in written.items()]
+    entries = [_read(reader, vessel, shared, own) for vessel, own in written.items()]
     reader.refuse(name)
     assert profile is not None
-    return profile, [one for one in found if one is not None]
+    return profile, [fleet_entry for fleet_entry in entries if fleet_entry is not None]
 
 
 def _written(vessels: Entry, name: str) -> dict[str, Entry]:
     """Return the written entry of each vessel, and check that it has no keys of the whole fleet."""
     if not isinstance(vessels.value, dict):
-        what = "vessels is not a group; write vessels: {leader: {}, other: {}}, each with what it has of its own"
-        raise ProfileError([Problem(vessels.origin, what)], name)
-    problems: Problems = []
+        sentence = "vessels is not a group; write vessels: {leader: {}, other: {}}, each with its own keys"
+        raise ProfileError([Problem(vessels.origin, sentence)], name)
+    problems: list[Problem] = []
     written: dict[str, Entry] = {}
     for vessel, own in vessels.value.items():
         path = dotted(("vessels", vessel))
@@ -109,15 +108,15 @@ def _written(vessels: Entry, name: str) -> dict[str, Entry]:
             continue  # null removes an inherited vessel
         own = Entry({}, own.origin) if own.value is None else own
         if not _NAME.fullmatch(vessel):
-            what = "is no name of a vessel; use small letters, digits and _, a letter first: its topics begin with it"
-            problems.append(Problem(own.origin, f"{path} {what}"))
+            rule = "use small letters, digits and _, with a letter first, because it is the prefix of topics"
+            problems.append(Problem(own.origin, f"{path} is not a valid name of a vessel; {rule}"))
         elif not isinstance(own.value, dict):
-            problems.append(Problem(own.origin, f"{path} is not a group; write {{}} for one like the profile's own"))
+            problems.append(Problem(own.origin, f"{path} is not a group; write {{}} for the vessel of the profile"))
         else:
             problems += _foreign_keys(own, path)
             written[vessel] = own
     if not problems and not written:
-        problems = [Problem(vessels.origin, "vessels names none; name one, such as `leader: {}`, or leave the key out")]
+        problems = [Problem(vessels.origin, "vessels is empty; add one, such as `leader: {}`, or remove the key")]
     if problems:
         raise ProfileError(problems, name)
     return written
@@ -128,26 +127,25 @@ def _foreign_keys(own: Entry, path: str) -> Iterator[Problem]:
     assert isinstance(own.value, dict)
     scripted = _is_scripted(own)
     of_all = {key: value for key, value in own.value.items() if key in (*_OF_ALL, *OWN_KEYS, "vessels")}
-    brought = [key for key, value in of_all.items() if value.origin.line and value.origin.source != own.origin.source]
-    if brought:
-        what = f"{_listed(brought)}, the same for all vessels; extend parts without, such as vehicles/otter"
-        yield Problem(own.origin, f"{path} extends what brings {what}")
+    extended = [key for key, value in of_all.items() if value.origin.line and value.origin.source != own.origin.source]
+    if extended:
+        fix = "extend profiles without them, such as vehicles/otter"
+        sentence = f"{path} extends a profile with {_listed(extended)}, which must be the same for all vessels; {fix}"
+        yield Problem(own.origin, sentence)
     for key, value in own.value.items():
-        if key in brought:
+        if key in extended:
             continue
         if key in of_all:
-            what = "is the same for all vessels; write it beside `vessels`, not inside"
-            yield Problem(value.origin, f"{path}.{key} {what}")
+            sentence = f"{path}.{key} must be the same for all vessels; move it out of `vessels`"
+            yield Problem(value.origin, sentence)
         elif key not in _OF_A_VESSEL:
             close = difflib.get_close_matches(key, _OF_A_VESSEL, n=1)
             fix = f"did you mean {close[0]!r}?" if close else f"known keys: extends, {', '.join(_OF_A_VESSEL)}"
             yield Problem(value.origin, f"{path}.{dotted((key,))} is not a known key; {fix}")
         elif scripted and key in SAILED:
             hint = "; its AIS is traffic.ais" if key == "ais" else ""
-            what = (
-                f"does not go with traffic, which is scripted and has no {key} of its own; leave out one of them{hint}"
-            )
-            yield Problem(value.origin, f"{path}.{key} {what}")
+            sentence = f"{path}.{key} has no effect on scripted traffic; remove {key} or traffic{hint}"
+            yield Problem(value.origin, sentence)
 
 
 def _read(reader: Reader, vessel: str, shared: Entry, written: Entry) -> FleetEntry | None:
@@ -156,11 +154,9 @@ def _read(reader: Reader, vessel: str, shared: Entry, written: Entry) -> FleetEn
     path = ("vessels", vessel)
     own = {key: value for key, value in written.value.items() if key not in _SEVERAL}
     several = {key: value for key, value in written.value.items() if key in _SEVERAL}
-    below = (
-        {key: value for key, value in shared.value.items() if key in OWN_KEYS}
-        if _is_scripted(written)
-        else shared.value
-    )
+    below = shared.value
+    if _is_scripted(written):
+        below = {key: value for key, value in shared.value.items() if key in OWN_KEYS}
     entry = laid_on(Entry(below, written.origin), Entry(own, written.origin))
     entry = at_speed_of_vessel(entry)
     how_many = reader.read(Entry(several, written.origin), SeveralSpec, path)
@@ -181,106 +177,112 @@ def unfold(entries: list[FleetEntry], name: str) -> dict[str, Profile]:
     Raises ProfileError for duplicate names, for a vessel that follows none or itself, for places without space, and for
     duplicate or too high ids.
     """
-    _refuse(_twice(entries), name)
-    by_name = {vessel: one for one in entries for vessel in one.names}
-    _refuse(_followed(entries, by_name), name)
+    by_name: dict[str, FleetEntry] = {}
+    duplicates: dict[str, Problem] = {}
+    for entry in entries:
+        for vessel in entry.names:
+            other = by_name.setdefault(vessel, entry)
+            if other is not entry:
+                single, many = (entry, other) if entry.several.count is None else (other, entry)
+                sentence = (
+                    f"vessels.{single.name} is also created by the count of vessels.{many.name}; rename one of them"
+                )
+                duplicates.setdefault(entry.name, Problem(single.written.origin, sentence))
+    _refuse(iter(duplicates.values()), name)
+    _refuse(_wrong_leaders(entries, by_name), name)
     placed: dict[str, Profile] = {}
-    for one in sorted(entries, key=lambda one: one.several.spread is not None):  # random places avoid the others
-        _place(one, by_name, placed, name)
+    for entry in sorted(entries, key=lambda entry: entry.several.spread is not None):  # random places avoid the others
+        _place(entry, by_name, placed, name)
     ordered = {vessel: placed[vessel] for vessel in by_name}
     return _numbered(entries, ordered, name)
 
 
 def _refuse(problems: Iterator[Problem], name: str) -> None:
-    found = list(problems)
-    if found:
-        raise ProfileError(found, name)
+    if listed := list(problems):
+        raise ProfileError(listed, name)
 
 
-def _twice(entries: list[FleetEntry]) -> Iterator[Problem]:
-    seen: dict[str, FleetEntry] = {}
-    for one in entries:
-        for vessel in one.names:
-            other = seen.setdefault(vessel, one)
-            if other is not one:
-                single, many = (one, other) if one.several.count is None else (other, one)
-                what = f"vessels.{single.name} is also what the count of vessels.{many.name} makes; rename one of them"
-                yield Problem(single.written.origin, what)
-                break
-
-
-def _followed(entries: list[FleetEntry], by_name: Mapping[str, FleetEntry]) -> Iterator[Problem]:
+def _wrong_leaders(entries: list[FleetEntry], by_name: Mapping[str, FleetEntry]) -> Iterator[Problem]:
     """Yield leaders that are missing, scripted, or followers of their follower."""
-    for one in entries:
-        vessel = _leader(one)
+    for entry in entries:
+        vessel = _leader(entry)
         if vessel is None:
             continue
-        origin, _ = one.entry.nearest(("driver", "follow", "vessel"))
-        said = f"{one.key}.driver.follow.vessel = {vessel}"
+        origin = entry.entry.nearest(("driver", "follow", "vessel"))[0].origin
+        key = f"{entry.key}.driver.follow.vessel = {vessel}"
         leader = by_name.get(vessel)
         if leader is None:
             many = next((other for other in entries if other.name == vessel), None)
-            names = [other for other in by_name if by_name[other] is not one]
-            hint = f"it is {many.names[0]} to {many.names[-1]}; use one of them" if many else f"use {_either(names)}"
-            yield Problem(origin.origin, f"{said} is none of the vessels; {hint}")
+            names = [other for other in by_name if by_name[other] is not entry]
+            if many:
+                hint = f"{vessel} is {many.names[0]} to {many.names[-1]}; use one of them"
+            elif names:
+                few = names if len(names) <= 6 else [*names[:5], f"{len(names) - 5} more"]
+                hint = f"use {_listed(few, 'or')}"
+            else:
+                hint = "add a second vessel"
+            yield Problem(origin, f"{key} is not one of the vessels; {hint}")
             continue
         if leader.profile.traffic is not None:
-            what = "is scripted and says nothing that could be followed; follow a vessel with an autopilot"
-            yield Problem(origin.origin, f"{said} {what}")
+            sentence = f"{key} is scripted and reports no position; follow a vessel with an autopilot"
+            yield Problem(origin, sentence)
             continue
-        turns = [one]
-        while leader is not None and leader not in turns:
-            turns.append(leader)
-            further = _leader(leader)
-            leader = None if further is None else by_name.get(further)
-        if leader is one:
-            way = " -> ".join(turn.name for turn in (*turns, one))
-            yield Problem(origin.origin, f"{said} goes round in a circle: {way}; give one of them a mission")
+        chain = [entry]
+        while leader is not None and leader not in chain:
+            chain.append(leader)
+            next_leader = _leader(leader)
+            leader = None if next_leader is None else by_name.get(next_leader)
+        if leader is entry:
+            loop = " -> ".join(follower.name for follower in (*chain, entry))
+            yield Problem(origin, f"{key} is a circular reference: {loop}; give one of them a mission")
 
 
-def _leader(one: FleetEntry) -> str | None:
-    driver = one.profile.driver
+def _leader(entry: FleetEntry) -> str | None:
+    driver = entry.profile.driver
     return driver.follow.vessel if driver is not None and driver.kind == "follow" and driver.follow else None
-
-
-def _either(names: list[str]) -> str:
-    few = names if len(names) <= 6 else [*names[:5], f"{len(names) - 5} more"]
-    return _listed(few, "or") if few else "a second vessel"
 
 
 def _listed(words: list[str], between: str = "and") -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {between} {words[-1]}"
 
 
-def _place(one: FleetEntry, by_name: Mapping[str, FleetEntry], placed: dict[str, Profile], name: str) -> None:
+def _place(entry: FleetEntry, by_name: Mapping[str, FleetEntry], placed: dict[str, Profile], name: str) -> None:
     """Add the vessels of an entry to `placed`, after the vessels that they follow."""
-    if one.names[0] in placed:
+    if entry.names[0] in placed:
         return
-    profile, driver = one.profile, one.profile.driver
-    vessel = _leader(one)
+    profile, driver = entry.profile, entry.profile.driver
+    vessel = _leader(entry)
     if vessel is not None and driver is not None and driver.follow is not None:
         _place(by_name[vessel], by_name, placed, name)
         mission, start = profile.mission or MissionSpec(), (placed[vessel].mission or MissionSpec()).start
-        if not one.says("mission", "start"):
+        if not entry.says("mission", "start"):
             place = ahead_of((start.north_m, start.east_m), start.heading_deg, driver.follow.offset_frd_m)
             mission = replace(mission, start=StartSpec(_to_mm(place[0]), _to_mm(place[1]), start.heading_deg))
         profile = replace(profile, mission=replace(mission, waypoints_ned_m=(), items=()))
-    if one.several.count is None:
-        placed[one.name] = profile
+    if entry.several.count is None:
+        placed[entry.name] = profile
         return
-    heading_deg, how = _heading_deg(profile), one.several.formation or one.several.spread
-    for vessel, offset in zip(one.names, _offsets(one, profile, heading_deg, placed, name), strict=True):
-        placed[vessel] = _shifted(profile, offset, heading_deg, how is not None and how.waypoints == "shifted")
+    # The heading at the start; for a scripted vessel, that of the first leg of its track.
+    if profile.traffic is None:
+        heading_deg = (profile.mission or MissionSpec()).start.heading_deg
+    elif len(profile.traffic.track_ned_m) == 1:
+        heading_deg = profile.traffic.heading_deg or 0.0
+    else:
+        (north_m, east_m), (to_north_m, to_east_m) = profile.traffic.track_ned_m[:2]
+        heading_deg = math.degrees(math.atan2(to_east_m - east_m, to_north_m - north_m))
+    group = entry.several.formation or entry.several.spread
+    for vessel, offset in zip(entry.names, _offsets(entry, profile, heading_deg, placed, name), strict=True):
+        placed[vessel] = _shifted(profile, offset, heading_deg, group is not None and group.waypoints == "shifted")
 
 
 def _offsets(
-    one: FleetEntry, profile: Profile, heading_deg: float, placed: Mapping[str, Profile], name: str
+    entry: FleetEntry, profile: Profile, heading_deg: float, placed: Mapping[str, Profile], name: str
 ) -> list[Offset]:
     """Return the offset of each vessel from the entry's place, north and east.
 
     Raises ProfileError without enough space.
     """
-    count, formation, spread = one.several.count or 1, one.several.formation, one.several.spread
+    count, formation, spread = entry.several.count or 1, entry.several.formation, entry.several.spread
     if formation is not None:
         ahead = formation_offsets(formation.shape, count, formation.spacing_m)
         return [in_north_east(offset, heading_deg) for offset in ahead]
@@ -296,24 +298,14 @@ def _offsets(
     def free(offset_m: Offset) -> bool:
         return middle is None or places.why_taken(tuple(_moved(corner, offset_m) for corner in middle)) is None
 
-    offsets = spread_offsets(count, spread.radius_m, spread.apart_m, f"{seed}/{one.name}/spread", free)
+    offsets = spread_offsets(count, spread.radius_m, spread.apart_m, f"{seed}/{entry.name}/spread", free)
     if offsets is not None:
         return offsets
-    what = f"no room for {count} vessels {spread.apart_m:g} m apart within {spread.radius_m:g} m"
-    roomy_m = max(math.ceil(spread.apart_m * math.sqrt(count)), math.ceil(1.5 * spread.radius_m))
-    fix = f"use radius_m: {roomy_m}, fewer vessels or another start"
-    origin = one.written.nearest(("spread",))[0].origin
-    raise ProfileError([Problem(origin, f"{one.key}.spread has {what}; {fix}")], name)
-
-
-def _heading_deg(profile: Profile) -> float:
-    """Return the heading at the start. For a scripted vessel, it is that of the first leg of its track."""
-    if profile.traffic is None:
-        return (profile.mission or MissionSpec()).start.heading_deg
-    if len(profile.traffic.track_ned_m) == 1:
-        return profile.traffic.heading_deg or 0.0
-    (north_m, east_m), (to_north_m, to_east_m) = profile.traffic.track_ned_m[:2]
-    return math.degrees(math.atan2(to_east_m - east_m, to_north_m - north_m))
+    lack = f"no room for {count} vessels {spread.apart_m:g} m apart within {spread.radius_m:g} m"
+    sufficient_m = max(math.ceil(spread.apart_m * math.sqrt(count)), math.ceil(1.5 * spread.radius_m))
+    fix = f"use radius_m: {sufficient_m}, fewer vessels or another start"
+    origin = entry.written.nearest(("spread",))[0].origin
+    raise ProfileError([Problem(origin, f"{entry.key}.spread has {lack}; {fix}")], name)
 
 
 def _moved(place: Offset, by: Offset) -> Offset:
@@ -354,22 +346,36 @@ def _shifted(profile: Profile, offset_ne_m: Offset, heading_deg: float, with_way
 
 def _numbered(entries: list[FleetEntry], placed: Mapping[str, Profile], name: str) -> dict[str, Profile]:
     """Add system ids and MMSI. Given ids count up within an entry; the other ids are the lowest free ones."""
-    given: dict[str, int] = {}
+    written_ids: dict[str, int] = {}
     mmsi: dict[str, int] = {}
-    for one in entries:
-        profile = one.profile
+    for entry in entries:
+        profile = entry.profile
         ais = profile.ais if profile.traffic is None else profile.traffic.ais
-        for number, vessel in enumerate(one.names):
-            if profile.autopilot is not None and one.gives("autopilot", "system_id"):
-                given[vessel] = profile.autopilot.system_id + number
+        for number, vessel in enumerate(entry.names):
+            if profile.autopilot is not None and entry.gives("autopilot", "system_id"):
+                written_ids[vessel] = profile.autopilot.system_id + number
             if ais is not None and ais.mmsi is not None:
                 mmsi[vessel] = ais.mmsi + number
-    free = (number for number in itertools.count(1) if number not in given.values())
-    ids = {vessel: given.get(vessel) or next(free) for vessel, one in placed.items() if one.autopilot is not None}
-    by_name = {vessel: one for one in entries for vessel in one.names}
+    free = (number for number in itertools.count(1) if number not in written_ids.values())
+    ids = {
+        vessel: written_ids.get(vessel) or next(free)
+        for vessel, profile in placed.items()
+        if profile.autopilot is not None
+    }
+    by_name = {vessel: entry for entry in entries for vessel in entry.names}
     _refuse(_wrong_ids(ids, ("autopilot", "system_id"), MOST_VESSELS, by_name), name)
     _refuse(_wrong_ids(mmsi, ("ais", "mmsi"), LAST_MMSI, by_name), name)
-    return {vessel: _with_ids(one, ids.get(vessel), mmsi.get(vessel)) for vessel, one in placed.items()}
+    numbered = {}
+    for vessel, profile in placed.items():
+        if profile.autopilot is not None:
+            profile = replace(profile, autopilot=replace(profile.autopilot, system_id=ids[vessel]))
+        if vessel in mmsi and profile.traffic is not None:
+            ais = replace(profile.traffic.ais, mmsi=mmsi[vessel])
+            profile = replace(profile, traffic=replace(profile.traffic, ais=ais))
+        elif vessel in mmsi:
+            profile = replace(profile, ais=replace(profile.ais or AisSpec(), mmsi=mmsi[vessel]))
+        numbered[vessel] = profile
+    return numbered
 
 
 def _wrong_ids(
@@ -379,23 +385,13 @@ def _wrong_ids(
     seen: dict[int, str] = {}
     for vessel, number in ids.items():
         origin = by_name[vessel].entry.nearest(path)[0].origin
-        said = f"vessels.{vessel}.{dotted(path)} = {number}"
+        key = f"vessels.{vessel}.{dotted(path)} = {number}"
         if number > most:
-            yield Problem(origin, f"{said} is beyond {most}, the last there is; use fewer vessels or lower ids")
+            yield Problem(origin, f"{key} is above the largest id, {most}; use fewer vessels or lower ids")
             return
         other = seen.setdefault(number, vessel)
         if other != vessel:
-            yield Problem(origin, f"{said} is that of {other} too; give each its own, or leave it out")
-
-
-def _with_ids(profile: Profile, system_id: int | None, mmsi: int | None) -> Profile:
-    if profile.autopilot is not None and system_id is not None:
-        profile = replace(profile, autopilot=replace(profile.autopilot, system_id=system_id))
-    if mmsi is None:
-        return profile
-    if profile.traffic is not None:
-        return replace(profile, traffic=replace(profile.traffic, ais=replace(profile.traffic.ais, mmsi=mmsi)))
-    return replace(profile, ais=replace(profile.ais or AisSpec(), mmsi=mmsi))
+            yield Problem(origin, f"{key} is also the id of {other}; use different ids, or remove the key")
 
 
 def unfolded_entry(entry: Entry, entries: list[FleetEntry], vessels: Mapping[str, Profile]) -> Entry:
@@ -404,15 +400,16 @@ def unfolded_entry(entry: Entry, entries: list[FleetEntry], vessels: Mapping[str
     A moved place has its formation's origin.
     """
     assert isinstance(entry.value, dict)
-    found: dict[str, Entry] = {}
-    for one in entries:
-        for vessel in one.names:
-            assert isinstance(one.entry.value, dict)
-            found[vessel] = one.entry
-            how = one.written.child("formation") or one.written.child("spread")
+    unfolded: dict[str, Entry] = {}
+    for fleet_entry in entries:
+        for vessel in fleet_entry.names:
+            assert isinstance(fleet_entry.entry.value, dict)
+            unfolded[vessel] = fleet_entry.entry
+            group = fleet_entry.written.child("formation") or fleet_entry.written.child("spread")
             mission = vessels[vessel].mission
-            if how is not None and mission is not None:
-                start = {key.name: Entry(getattr(mission.start, key.name), how.origin) for key in fields(mission.start)}
-                above = Entry({"mission": Entry({"start": Entry(start, how.origin)}, how.origin)}, one.entry.origin)
-                found[vessel] = merge(one.entry, above)
-    return Entry({**entry.value, "vessels": Entry(found, entry.value["vessels"].origin)}, entry.origin)
+            if group is not None and mission is not None:
+                at = group.origin
+                start = {key.name: Entry(getattr(mission.start, key.name), at) for key in fields(mission.start)}
+                moved = Entry({"mission": Entry({"start": Entry(start, at)}, at)}, fleet_entry.entry.origin)
+                unfolded[vessel] = merge(fleet_entry.entry, moved)
+    return Entry({**entry.value, "vessels": Entry(unfolded, entry.value["vessels"].origin)}, entry.origin)

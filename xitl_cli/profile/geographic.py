@@ -48,7 +48,7 @@ class _Reader:
         known = key_annotations(group)
         if all(key in known for key in _START) and any(key in entry.value for pair in _SPELLINGS for key in pair):
             return self._start(entry, path)
-        if group is not Profile and not any(isinstance(one.value, (dict, tuple)) for one in entry.value.values()):
+        if group is not Profile and not any(isinstance(below.value, (dict, tuple)) for below in entry.value.values()):
             return entry
         changed = {
             key: self._value(below, known[key], (*path, key)) if key in known else below
@@ -71,41 +71,44 @@ class _Reader:
         if get_origin(kind) is not tuple:
             return entry
         if isinstance(entry.value, dict):
-            return self._place(entry, len(get_args(kind)), path) if _is_place(kind, path) else entry
+            # A list of two or three numbers is a place relative to the site, by the name of its key.
+            name, count = next((key for key in reversed(path) if isinstance(key, str)), ""), get_args(kind)
+            is_place = name.endswith(_METRES) and "bias" not in name and Ellipsis not in count and len(count) in (2, 3)
+            return self._place(entry, len(count), path) if is_place else entry
         own = entries(kind, len(entry.value))
-        if len(own) != len(entry.value) or not any(isinstance(one.value, (dict, tuple)) for one in entry.value):
+        if len(own) != len(entry.value) or not any(isinstance(item.value, (dict, tuple)) for item in entry.value):
             return entry
-        items = tuple(self._value(one, own[n], (*path, n)) for n, one in enumerate(entry.value))
+        items = tuple(self._value(item, own[n], (*path, n)) for n, item in enumerate(entry.value))
         return Entry(items, entry.origin, entry.replaced)
 
     def _place(self, entry: Entry, count: int, path: KeyPath) -> Entry:
         """Return [north, east] or [north, east, down] for a mapping; the unchanged entry for an invalid one."""
-        found = self._metres(entry, ("down_m",) if count == 3 else (), path)
-        if found is None:
+        place_m = self._metres(entry, ("down_m",) if count == 3 else (), path)
+        if place_m is None:
             return entry
         assert isinstance(entry.value, dict)
         down = (entry.value.get("down_m") or Entry(0.0, entry.origin),) if count == 3 else ()
-        return Entry((*(Entry(metres, entry.origin) for metres in found), *down), entry.origin, entry.replaced)
+        return Entry((*(Entry(metres, entry.origin) for metres in place_m), *down), entry.origin, entry.replaced)
 
     def _start(self, entry: Entry, path: KeyPath) -> Entry:
-        found = self._metres(entry, ("heading_deg", *_START), path)
-        if found is None:
+        place_m = self._metres(entry, ("heading_deg", *_START), path)
+        if place_m is None:
             return entry
         assert isinstance(entry.value, dict)
-        given = {key for pair in _SPELLINGS for key in pair}
-        rest = {key: one for key, one in entry.value.items() if key not in given}
-        metres = {key: Entry(value, entry.origin) for key, value in zip(_START, found, strict=True)}
+        in_degrees = {key for pair in _SPELLINGS for key in pair}
+        rest = {key: below for key, below in entry.value.items() if key not in in_degrees}
+        metres = {key: Entry(value, entry.origin) for key, value in zip(_START, place_m, strict=True)}
         return Entry({**rest, **metres}, entry.origin, entry.replaced)
 
-    def _metres(self, entry: Entry, beside: tuple[str, ...], path: KeyPath) -> tuple[float, float] | None:
-        """Return north and east of the place in `entry`, or None for an invalid one."""
+    def _metres(self, entry: Entry, others: tuple[str, ...], path: KeyPath) -> tuple[float, float] | None:
+        """Return north and east of the place in `entry`, or None for an invalid one. others: further valid keys."""
         assert isinstance(entry.value, dict)
         key = dotted(path)
-        pair = next((one for one in _SPELLINGS if one[0] in entry.value or one[1] in entry.value), _SPELLINGS[0])
-        for other in entry.value:
-            if other not in (*pair, *beside):
-                fix = f"did you mean {_NEAR[other]!r}?" if other in _NEAR else f"use {', '.join((*pair, *beside))}"
-                return self._wrong(entry.value[other], f"{key}.{other} is no key of a place; {fix}")
+        pair = next((pair for pair in _SPELLINGS if pair[0] in entry.value or pair[1] in entry.value), _SPELLINGS[0])
+        for name in entry.value:
+            if name not in (*pair, *others):
+                fix = f"did you mean {_NEAR[name]!r}?" if name in _NEAR else f"use {', '.join((*pair, *others))}"
+                return self._wrong(entry.value[name], f"{key}.{name} is not a key of a place; {fix}")
         degrees: list[float] = []
         for name, most in zip(pair, (90, 180), strict=True):
             own = entry.value.get(name)
@@ -119,19 +122,20 @@ class _Reader:
             degrees.append(float(own.value))  # type: ignore[arg-type]
         frame = self._local_frame()
         if frame is None:
-            return self._wrong(entry, f"{key} is a latitude and a longitude; add site, from which metres are counted")
+            return self._wrong(entry, f"{key} is a latitude and a longitude; add site, the origin of the metres")
         north_m, east_m = _on_plane(frame, *degrees)
         if math.hypot(north_m, east_m) > MOST_M:
             away_km = _great_circle_m(frame, *degrees) / 1000
-            what = f"{key} = {degrees[0]:g}, {degrees[1]:g} is {away_km:.0f} km from the site"
-            return self._wrong(entry, f"{what}; check the order of the two numbers, or move the site")
+            place = f"{key} = {degrees[0]:g}, {degrees[1]:g}"
+            fix = "check the order of the two numbers, or move the site"
+            return self._wrong(entry, f"{place} is {away_km:.0f} km from the site; {fix}")
         return north_m, east_m
 
     def _local_frame(self) -> LocalFrame | None:
         if self._frame is None and self._site is not None:
             own = [self._site.child(key) for key in ("latitude_deg", "longitude_deg", "altitude_m")]
-            values = [None if one is None else one.value for one in own]
-            if all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in values[:2]):
+            values = [None if below is None else below.value for below in own]
+            if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values[:2]):
                 from sim_core.geodesy import LocalFrame  # imported here, because it imports numpy
 
                 altitude_m = values[2] if isinstance(values[2], (int, float)) else 0.0
@@ -144,13 +148,6 @@ class _Reader:
     def _wrong(self, entry: Entry, sentence: str) -> tuple[float, float] | None:
         self.problems.append(Problem(entry.origin, sentence))
         return None
-
-
-def _is_place(kind: Any, path: KeyPath) -> bool:
-    """Whether a list of two or three numbers is a place relative to the site, by the name of its key."""
-    name = next((key for key in reversed(path) if isinstance(key, str)), "")
-    count = get_args(kind)
-    return name.endswith(_METRES) and "bias" not in name and Ellipsis not in count and len(count) in (2, 3)
 
 
 def _on_plane(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:

@@ -33,7 +33,12 @@ _ANY_FILE: tuple[KeyPath, ...] = (
     ("environment", "water", "tide", "file"),
 )
 
-_NO_FILE = (EXTERNAL, FIND)
+_FILES_IN_LISTS: tuple[tuple[KeyPath, KeyPath, tuple[str, ...]], ...] = (
+    (("world", "meshes"), ("file",), ("",)),
+    (("vehicle", "hulls"), ("mesh", "file"), ("",)),
+    (("autopilot", "parameter_files"), (), parameter_files.SUFFIXES),
+)
+"""Lists with paths: the list, the path within an item, and the suffixes that make a text a path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +54,17 @@ class LoadedProfile:
         """Warnings about valid values that are hardly intended: values of another vessel or another site."""
         if self.profile.vessels is None:
             return tuple(leftovers(self.profile, self.entry))
-        found: dict[str, list[str]] = {}
+        vessels_of: dict[str, list[str]] = {}
         for name, vessel in self.profile.sailed.items():
             entry, _ = self.entry.nearest(("vessels", name))
             for text in leftovers(vessel, entry):
-                found.setdefault(text, []).append(name)
-        everybody = len(self.profile.sailed)
-        return tuple(text if len(names) == everybody else f"{_several(names)}: {text}" for text, names in found.items())
+                vessels_of.setdefault(text, []).append(name)
+        texts = []
+        for text, names in vessels_of.items():
+            others = f" and {len(names) - 1} more" if len(names) > 1 else ""
+            of_all = len(names) == len(self.profile.sailed)
+            texts.append(text if of_all else f"vessels.{names[0]}{others}: {text}")
+        return tuple(texts)
 
     def origin(self, dotted_key: str) -> Origin:
         """Return the origin of `a.b.0.c`, or of the nearest group around it if it has its default."""
@@ -98,7 +107,14 @@ def prepared(entry: Entry) -> Entry:
     Paths become absolute, files of missions and tides are read, places become metres, and null faults are removed.
     Raises ProfileError for an invalid file or place.
     """
-    entry = with_tide_file(with_mission_files(with_absolute_paths(_without_null_faults(entry))))
+    faults = entry.child("faults")
+    if faults is not None and isinstance(faults.value, dict):
+        assert isinstance(entry.value, dict)
+        present = {name: fault for name, fault in faults.value.items() if fault.value is not None}
+        if len(present) < len(faults.value):  # null removes an inherited fault
+            without_null = Entry(present, faults.origin, faults.replaced)
+            entry = Entry({**entry.value, "faults": without_null}, entry.origin)
+    entry = with_tide_file(with_mission_files(with_absolute_paths(entry)))
     return with_places_in_metres(entry, entry.origin.source)
 
 
@@ -113,12 +129,29 @@ def checked_profile(entry: Entry, name: str) -> tuple[Profile, Entry]:
 
     Raises ProfileError with all problems.
     """
-    if is_fleet(entry):
-        return _checked_fleet(entry, name)
-    entry = at_speed_of_vessel(entry)
-    profile = _with_graph(read_profile(entry, name))
-    _refuse([Problem(entry.nearest(path)[0].origin, sentence) for path, sentence in check(profile)], name)
-    return profile, entry
+    if not is_fleet(entry):
+        checked = at_speed_of_vessel(entry)
+        profile = _with_graph(read_profile(checked, name))
+        problems = [Problem(checked.nearest(path)[0].origin, sentence) for path, sentence in check(profile)]
+    else:
+        shared, entries = read_fleet(entry, name)
+        vessels = {vessel: _with_graph(own) for vessel, own in unfold(entries, name).items()}
+        profile = replace(shared, vessels=vessels)
+        checked = unfolded_entry(entry, entries, vessels)
+        # A problem of a shared group is reported once. The vessels of a count differ only in place and number.
+        keys_of: dict[tuple[Origin, str], list[str]] = {}
+        for fleet_entry in entries:
+            for path, sentence in check_vessel(vessels[fleet_entry.names[0]]):
+                origin = fleet_entry.entry.nearest(path)[0].origin
+                keys_of.setdefault((origin, sentence), []).append(fleet_entry.key)
+        problems = [
+            Problem(origin, sentence if len(keys) > 1 else f"{keys[0]}: {sentence}")
+            for (origin, sentence), keys in keys_of.items()
+        ]
+        problems += [Problem(checked.nearest(path)[0].origin, sentence) for path, sentence in check_fleet(profile)]
+    if problems:
+        raise ProfileError(problems, name)
+    return profile, checked
 
 
 def unchecked_profile(entry: Entry, name: str) -> Profile:
@@ -157,47 +190,8 @@ def _without_plugins(entry: Entry) -> Entry:
     return Entry(left, entry.origin)
 
 
-def _checked_fleet(entry: Entry, name: str) -> tuple[Profile, Entry]:
-    shared, entries = read_fleet(entry, name)
-    vessels = {vessel: _with_graph(one) for vessel, one in unfold(entries, name).items()}
-    profile = replace(shared, vessels=vessels)
-    problems: dict[tuple[Origin, str], list[str]] = {}
-    for one in entries:  # the vessels of a count differ only in place and number
-        for path, sentence in check_vessel(vessels[one.names[0]]):
-            problems.setdefault((one.entry.nearest(path)[0].origin, sentence), []).append(one.key)
-    found = [
-        Problem(origin, sentence if len(keys) > 1 else f"{keys[0]}: {sentence}")
-        for (origin, sentence), keys in problems.items()
-    ]
-    unfolded = unfolded_entry(entry, entries, vessels)
-    found += [Problem(unfolded.nearest(path)[0].origin, sentence) for path, sentence in check_fleet(profile)]
-    _refuse(found, name)
-    return profile, unfolded
-
-
 def _with_graph(profile: Profile) -> Profile:
     return replace(profile, graph=complete_graph_group(profile))
-
-
-def _several(names: list[str]) -> str:
-    return f"vessels.{names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
-
-
-def _refuse(problems: list[Problem], name: str) -> None:
-    if problems:
-        raise ProfileError(problems, name)
-
-
-def _without_null_faults(entry: Entry) -> Entry:
-    """Remove null faults: `faults: {gnss-dropout: null}` removes an inherited fault."""
-    faults = entry.child("faults")
-    if faults is None or not isinstance(faults.value, dict):
-        return entry
-    left = {name: fault for name, fault in faults.value.items() if fault.value is not None}
-    if len(left) == len(faults.value):
-        return entry
-    assert isinstance(entry.value, dict)
-    return Entry({**entry.value, "faults": Entry(left, faults.origin, faults.replaced)}, entry.origin)
 
 
 def with_absolute_paths(entry: Entry) -> Entry:
@@ -212,17 +206,13 @@ def with_absolute_paths(entry: Entry) -> Entry:
         entry = _rewritten(entry, path, ("",))
     entry = _rewritten(entry, ("autopilot", "controller"), (".py",), behind=":")
     firmware = entry.nearest(("autopilot", "firmware"))
-    if firmware[1] == 2 and firmware[0].value not in _NO_FILE:
+    if firmware[1] == 2 and firmware[0].value not in (EXTERNAL, FIND):
         entry = _rewritten(entry, ("autopilot", "firmware"), ("",))
-    for list_path, file_path in ((("world", "meshes"), ("file",)), (("vehicle", "hulls"), ("mesh", "file"))):
-        meshes = entry.nearest(list_path)
-        if meshes[1] == 2 and isinstance(meshes[0].value, tuple):
-            for number in range(len(meshes[0].value)):
-                entry = _rewritten(entry, (*list_path, number, *file_path), ("",))
-    files = entry.nearest(("autopilot", "parameter_files"))
-    if files[1] == 2 and isinstance(files[0].value, tuple):
-        for number in range(len(files[0].value)):
-            entry = _rewritten(entry, ("autopilot", "parameter_files", number), parameter_files.SUFFIXES)
+    for list_path, file_path, suffixes in _FILES_IN_LISTS:
+        items, depth = entry.nearest(list_path)
+        if depth == len(list_path) and isinstance(items.value, tuple):
+            for number in range(len(items.value)):
+                entry = _rewritten(entry, (*list_path, number, *file_path), suffixes)
     return entry
 
 

@@ -27,7 +27,7 @@ from sim_core.keys import (
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.entry import Entry, KeyPath, Problem, ProfileError, dotted, shown
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.plugins import GroupsByName, registered_keys
+from xitl_cli.profile.schema.profile import GroupsByName, registered_keys
 
 T = TypeVar("T")
 
@@ -43,10 +43,10 @@ def read_profile(entry: Entry, name: str) -> Profile:
 def read_group(entry: Entry, group: type[T], name: str) -> T:
     """Return one group of a profile, as `read_profile` does."""
     reader = Reader()
-    found = reader.read(entry, group, ())
+    result = reader.read(entry, group, ())
     reader.refuse(name)
-    assert found is not None
-    return found
+    assert result is not None
+    return result
 
 
 class Reader:
@@ -55,34 +55,34 @@ class Reader:
     def __init__(self) -> None:
         self._unknown: dict[tuple[int, str], Problem] = {}
         self._problems: dict[tuple[int, str], Problem] = {}
-        self._found = 0
+        self._count = 0
         self._read: dict[tuple[int, type], tuple[Entry, Any]] = {}
 
     def read(self, entry: Entry, group: type[T], path: KeyPath) -> T | None:
         """Return the group of `entry` at `path` of the profile; None when it has problems."""
-        found = self._group(entry, group, path)
-        assert found is None or isinstance(found, group)
-        return found
+        result = self._group(entry, group, path)
+        assert result is None or isinstance(result, group)
+        return result
 
     def refuse(self, name: str) -> None:
         """Raise ProfileError with all problems of the profile `name`, if there are any."""
-        if self._found:
+        if self._count:
             raise ProfileError([*self._unknown.values(), *self._problems.values()], name)
 
     def _group(self, entry: Entry, group: Any, path: KeyPath) -> Any:
         shared = self._read.get((id(entry), group))
         if shared is not None:
             return shared[1]
-        found = self._new_group(entry, group, path)
-        if found is not None:
-            self._read[id(entry), group] = entry, found
-        return found
+        result = self._new_group(entry, group, path)
+        if result is not None:
+            self._read[id(entry), group] = entry, result
+        return result
 
     def _new_group(self, entry: Entry, group: Any, path: KeyPath) -> Any:
         known = key_annotations(group)
         if not isinstance(entry.value, dict):
             return self._wrong(entry, path, f"is not a group; indent keys under it: {', '.join(known)}")
-        before, meant = self._found, set()
+        before, meant = self._count, set()
         for key in entry.value:
             if key not in known:
                 meant.add(self._unknown_key(entry.value[key], list(known), (*path, key)))
@@ -95,7 +95,7 @@ class Reader:
                 unit = unit_of(key)
                 needs = f"needs {key!r}; add it{f' in {unit}' if unit else ''}"
                 self._note(self._problems, entry, dotted(path) or "the profile", needs)
-        if self._found > before:
+        if self._count > before:
             return None
         try:
             return group(**values)
@@ -115,10 +115,12 @@ class Reader:
         if get_origin(kind) is dict:
             if not isinstance(entry.value, dict):
                 return self._wrong(entry, path, "is not a group; indent keys under it")
-            if (by_name := next((one for one in markers if isinstance(one, GroupsByName)), None)) is not None:
+            if (by_name := next((marker for marker in markers if isinstance(marker, GroupsByName)), None)) is not None:
                 return self._groups_by_name(entry, lambda name, _: by_name.group(name), path)
-            if (marker := next((one for one in markers if isinstance(one, RegisteredGroups)), None)) is not None:
-                return self._groups_by_name(entry, partial(registered_keys, marker.registry), path)
+            if (
+                registered := next((marker for marker in markers if isinstance(marker, RegisteredGroups)), None)
+            ) is not None:
+                return self._groups_by_name(entry, partial(registered_keys, registered.registry), path)
             inner = get_args(kind)[1]
             return {key: self._value(below, inner, (*path, key)) for key, below in entry.value.items()}
         if get_origin(kind) is tuple:
@@ -127,14 +129,14 @@ class Reader:
             if problem := length_problem(entry.value, kind, markers):
                 return self._wrong(entry, path, problem)
             pairs = zip(entry.value, entries(kind, len(entry.value)), strict=True)
-            return tuple(self._value(one, own, (*path, number)) for number, (one, own) in enumerate(pairs))
+            return tuple(self._value(item, own, (*path, number)) for number, (item, own) in enumerate(pairs))
         name = next((key for key in reversed(path) if isinstance(key, str)), "")
         if problem := value_problem(entry.plain(), kind, markers, unit_of(name)):
             return self._wrong(entry, path, problem)
         return float(entry.value) if kind is float else entry.value  # type: ignore[arg-type]
 
     def _groups_by_name(self, entry: Entry, group_of: Callable[[str, str], type], path: KeyPath) -> dict[str, Any]:
-        """The groups below `entry`; null takes away one that is inherited.
+        """Return the groups below `entry`; null removes an inherited group.
 
         group_of: the class for the name of a group and its key `kind`, which is the name if it is missing. Raises
         UserError.
@@ -158,15 +160,15 @@ class Reader:
         key = f"{dotted(path)} = {shown(entry.plain())}" if value else dotted(path)
         self._note(self._problems, entry, key, problem)
 
-    def _note(self, found: dict[tuple[int, str], Problem], entry: Entry, key: str, problem: str) -> None:
-        self._found += 1
-        found.setdefault((id(entry), problem), Problem(entry.origin, f"{key} {problem}"))
+    def _note(self, problems: dict[tuple[int, str], Problem], entry: Entry, key: str, problem: str) -> None:
+        self._count += 1
+        problems.setdefault((id(entry), problem), Problem(entry.origin, f"{key} {problem}"))
 
     def _unknown_key(self, entry: Entry, known: list[str], path: KeyPath) -> str | None:
         """Report the key, and return the key that was probably meant."""
         key = str(path[-1])
         # Keys of a scripted vessel do not exist at the top.
-        places = (found for found in _paths(Profile, ()) if found[-1] == key and found[0] != "traffic")
+        places = (place for place in _paths(Profile, ()) if place[-1] == key and place[0] != "traffic")
         elsewhere = sorted(places, key=len)
         close = difflib.get_close_matches(key, known, n=1, cutoff=0.8 if elsewhere else 0.6)
         if close:

@@ -54,8 +54,8 @@ def resolved_yaml(profile: Profile) -> str:
 
 def _groups(profile: Profile) -> dict[str, Any]:
     groups = {key: value for key, value in _plain(replace(profile, vessels=None)).items() if value is not None}
-    if profile.faults is not None:
-        groups["faults"] = {name: _present(fault) for name, fault in groups["faults"].items()}
+    for fault in groups.get("faults", {}):
+        groups["faults"][fault] = {key: value for key, value in groups["faults"][fault].items() if value is not None}
     return groups
 
 
@@ -72,15 +72,11 @@ def _plain(value: Any) -> Any:
             if (own := getattr(value, key.name)) != key.default or not _LEFT_OUT & set(marks(marked.get(key.name)))
         }
     if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
+        return {key: _plain(below) for key, below in value.items()}
     return tuple(map(_plain, value)) if isinstance(value, tuple) else value
 
 
 _LEFT_OUT = {AmongVessels, IfGiven}
-
-
-def _present(values: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}
 
 
 def _own(vessel: Profile, shared: dict[str, Any]) -> dict[str, Any]:
@@ -103,12 +99,12 @@ def _own(vessel: Profile, shared: dict[str, Any]) -> dict[str, Any]:
 
 
 def _difference(value: dict[str, Any], common: dict[str, Any]) -> dict[str, Any]:
-    gone: dict[str, Any] = {key: None for key in common if key not in value}
-    return gone | {
-        key: _difference(one, common[key]) if isinstance(one, dict) and isinstance(common.get(key), dict) else one
-        for key, one in value.items()
-        if key not in common or one != common[key]
-    }
+    difference: dict[str, Any] = {key: None for key in common if key not in value}
+    for key, own in value.items():
+        if key not in common or own != common[key]:
+            both_groups = isinstance(own, dict) and isinstance(common.get(key), dict)
+            difference[key] = _difference(own, common[key]) if both_groups else own
+    return difference
 
 
 def values_with_origins(loaded: LoadedProfile) -> Iterator[tuple[str, str, str]]:
@@ -117,9 +113,9 @@ def values_with_origins(loaded: LoadedProfile) -> Iterator[tuple[str, str, str]]
     if resolved is None:
         return
     for path, leaf in _rows(resolved, ()):
-        found, depth = loaded.entry.nearest(path)
+        nearest, depth = loaded.entry.nearest(path)
         text = leaf.value if isinstance(leaf.value, str) else json.dumps(leaf.plain(), ensure_ascii=False)
-        yield dotted(path), text, str(found.origin) if depth == len(path) else "default"
+        yield dotted(path), text, str(nearest.origin) if depth == len(path) else "default"
 
 
 def _rows(entry: Entry, path: KeyPath) -> Iterator[tuple[KeyPath, Entry]]:

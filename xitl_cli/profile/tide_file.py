@@ -7,7 +7,7 @@ from pathlib import Path
 
 from agent.files import read_text
 from xitl_cli.profile.files.catalogue import shown_path
-from xitl_cli.profile.files.entry import Entry, Key, Origin, Problem, ProfileError, Scalar, shown
+from xitl_cli.profile.files.entry import Entry, Key, Origin, Scalar, profile_error, shown
 
 _TIDE = ("environment", "water", "tide")
 _KEY = "environment.water.tide.file"
@@ -25,13 +25,13 @@ def with_tide_file(entry: Entry) -> Entry:
         return entry
     assert isinstance(tide.value, dict)
     if not isinstance(file.value, str):
-        raise _error(file.origin, f"{_KEY} = {shown(file.plain())} is not text; write the path of a CSV file")
+        raise profile_error(file.origin, f"{_KEY} = {shown(file.plain())} is not text; write the path of a CSV file")
     for other in ("table", "constituents"):
         if (own := tide.value.get(other)) is not None and own.value:
-            raise _error(file.origin, f"{_KEY} and tide.{other} are both there; leave out one of them")
+            raise profile_error(file.origin, f"{_KEY} and tide.{other} exclude each other; remove one of them")
     table = Entry(_rows(Path(file.value), file.origin), file.origin)
-    kept = {key: value for key, value in tide.value.items() if key not in ("file", "table")}
-    return _replaced(entry, _TIDE, Entry({**kept, "table": table}, tide.origin, tide.replaced))
+    others = {key: value for key, value in tide.value.items() if key not in ("file", "table")}
+    return _replaced(entry, _TIDE, Entry({**others, "table": table}, tide.origin, tide.replaced))
 
 
 def _rows(path: Path, origin: Origin) -> tuple[Entry, ...]:
@@ -40,9 +40,9 @@ def _rows(path: Path, origin: Origin) -> tuple[Entry, ...]:
         text = read_text(path).removeprefix("\ufeff")
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
-        raise _error(origin, f"{_KEY}: {path} cannot be read: {reason}; check the path") from None
+        raise profile_error(origin, f"{_KEY}: {path} cannot be read: {reason}; check the path") from None
     except UnicodeDecodeError as error:
-        raise _error(Origin(source), f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+        raise profile_error(Origin(source), f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
     rows: list[Entry] = []
     reader, header = csv.reader(text.splitlines()), True
     try:
@@ -56,16 +56,18 @@ def _rows(path: Path, origin: Origin) -> tuple[Entry, ...]:
                 if header and len(cells) > 1:
                     header = False
                     continue
-                raise _error(
-                    at, f"{shown(', '.join(cells))} is no row of time and height; write for example 3600, 0.42"
+                raise profile_error(
+                    at, f"{shown(', '.join(cells))} is not a row of time and height; write for example 3600, 0.42"
                 )
             header = False
             time: Scalar = _number(cells[0])
             rows.append(Entry((Entry(cells[0] if time is None else time, at), Entry(height, at)), at))
     except csv.Error as error:
-        raise _error(Origin(source, reader.line_num), f"is no CSV ({error}); write a time and a height") from None
+        raise profile_error(
+            Origin(source, reader.line_num), f"is not CSV ({error}); write a time and a height"
+        ) from None
     if not rows:
-        raise _error(Origin(source), "has no rows; write a time and a height in each row")
+        raise profile_error(Origin(source), "has no rows; write a time and a height in each row")
     return tuple(rows)
 
 
@@ -82,7 +84,3 @@ def _replaced(entry: Entry, path: tuple[Key, ...], new: Entry) -> Entry:
     assert isinstance(entry.value, dict)
     key = str(path[0])
     return Entry({**entry.value, key: _replaced(entry.value[key], path[1:], new)}, entry.origin, entry.replaced)
-
-
-def _error(origin: Origin, sentence: str) -> ProfileError:
-    return ProfileError([Problem(origin, sentence)], origin.source)

@@ -49,22 +49,22 @@ def read_thrust_log(path: Path, profile: RunProfile) -> ThrustLog | None:
 def _read(log: Log, profile: RunProfile) -> ThrustLog | None:
     named = list(motor_commands(profile, profile.driver.replay.thrust == "share"))
     tables = [_topic(log, topic) for topic, _ in named]
-    found = [table for table in tables if table is not None]
-    if not found:
+    present = [table for table in tables if table is not None]
+    if not present:
         return None
-    stamp_ns = np.unique(np.concatenate([table.stamp_ns for table in found]))
+    stamp_ns = np.unique(np.concatenate([table.stamp_ns for table in present]))
     commands = np.zeros((len(stamp_ns), len(named)))
     for number, (table, (topic, command)) in enumerate(zip(tables, named, strict=True)):
         if table is None:
             continue
-        given = table.values("data").astype(np.float64)
-        if not np.isfinite(given).all():
-            row = int(np.argmin(np.isfinite(given)))
+        values = table.values("data").astype(np.float64)
+        if not np.isfinite(values).all():
+            row = int(np.argmin(np.isfinite(values)))
             at_s = (int(table.stamp_ns[row]) - log.zero_ns) * 1e-9
-            raise UserError(f"{log.path}: {topic} is {given[row]:g} at {at_s:.3f} s; give a bag with finite commands")
+            raise UserError(f"{log.path}: {topic} is {values[row]:g} at {at_s:.3f} s; use a bag with finite commands")
         order = np.argsort(table.stamp_ns, kind="stable")
-        made = np.array([0.0, *(command(value) for value in given[order].tolist())])
-        commands[:, number] = made[np.searchsorted(table.stamp_ns[order], stamp_ns, side="right")]
+        steps = np.array([0.0, *(command(value) for value in values[order].tolist())])
+        commands[:, number] = steps[np.searchsorted(table.stamp_ns[order], stamp_ns, side="right")]
     return ThrustLog(str(log.path), (stamp_ns - log.zero_ns) * 1e-9, commands)
 
 
@@ -74,7 +74,7 @@ def _topic(log: Log, topic: str) -> Table | None:
     endings = (f"/{topic}", f"/{before}{_ALSO_CALLED.get(slash + last, slash + last)}")
     names = [name for name, table in log.tables.items() if name.endswith(endings) and "data" in table.columns]
     if len(names) > 1:
-        raise UserError(f"{log.path}: has {' and '.join(names)}; give a bag of one vessel, as `rosbag filter` makes it")
+        raise UserError(f"{log.path} has {' and '.join(names)}; use a bag of one vessel, such as from `rosbag filter`")
     return log.tables[names[0]] if names else None
 
 
@@ -102,9 +102,9 @@ def motor_commands(profile: RunProfile, shares: bool) -> Iterator[tuple[str, Cal
         command = _limited if shares else lambda newton, full=(ahead_n, astern_n): command_of_thrust(newton, *full)
         yield f"thrusters/{name}/cmd", command
     turning = [
-        (name, one.steering.max_angle_deg)
-        for name, one in zip(names, vehicle.propellers, strict=True)
-        if one.steering is not None
+        (name, propeller.steering.max_angle_deg)
+        for name, propeller in zip(names, vehicle.propellers, strict=True)
+        if propeller.steering is not None
     ]
     turning += [(f"rudder_{number}", rudder.max_angle_deg) for number, rudder in enumerate(vehicle.rudders)]
     for name, most_deg in turning:

@@ -31,7 +31,6 @@ from xitl_cli.run.composition.setup import RunSetup, VesselSetup, is_awaited
 from xitl_cli.run.composition.vessel import link_names, vessel_parts
 from xitl_cli.run.composition.world import world_parts
 from xitl_cli.run.core import directory
-from xitl_cli.run.core.live_output import live_outputs
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
 from xitl_cli.run.core.pace import Lockstep, OperatedLockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
@@ -39,6 +38,7 @@ from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.nodes.display import StatusDisplay
+from xitl_cli.run.nodes.plugin_nodes import live_outputs
 from xitl_cli.run.nodes.stations import StationAddresses
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.sensors.compass import compass_warnings
@@ -124,7 +124,7 @@ def run(
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
     scene = cache(partial(make_scene, profiles, scenery))
-    operation = replace(operation, viewed=lead.view.show, live=lead.live.foxglove, ros=lead.ros.enabled)
+    operation = replace(operation, viewed=lead.view.show, live=lead.live.streams_foxglove, ros=lead.ros.enabled)
     check_driven(profiles, operation)
     if lead.ros.enabled and operation.pace is None:
         operation = replace(operation, pace=lead.ros.pace)

@@ -76,9 +76,9 @@ def test_the_table_of_a_fleet_names_the_lowest(
 def test_one_vessel_of_a_fleet_has_nodes_and_links(capsys: pytest.CaptureFixture[str], golden: Golden) -> None:
     wdri("fleet-convoy", vessel="follower_2", as_json=True)
     nodes = {node["name"]: node["does"] for node in json.loads(capsys.readouterr().out)["nodes"]}
-    assert nodes["D"] == "keeps a place beside another vessel"
+    assert nodes["D"] == "keeps a position relative to another vessel"
     with pytest.raises(UserError) as refused:
         wdri("fleet-convoy", vessel="follower")
     golden("error", refused.value)
-    with pytest.raises(UserError, match="sitl: has one vessel, without a name; leave the name out"):
+    with pytest.raises(UserError, match="sitl: has a single vessel without a name; remove the name"):
         wdri("sitl", vessel="own")

@@ -138,7 +138,7 @@ def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((CALM, LOGS / "nowhere.bin"), "nowhere.bin: there is no such file"),
+        ((CALM, LOGS / "nowhere.bin"), "nowhere.bin: does not exist"),
         ((CALM, GUST, "--start", "sunrise"), "sunrise"),
         ((CALM, GUST, "--from", "90", "--until", "80"), "nothing is left to compare"),
         ((CALM, GUST, "--tum", CALM), "cannot be written"),

@@ -125,7 +125,7 @@ def test_without_an_autopilot_there_is_nothing_to_go_wrong(write: Write, golden:
         (
             "[sitl, vehicles/asv-steered]",
             "{rudder: {which: rudder 0, jam: true}}",
-            "faults.x.rudder.which = 'rudder 0' names no rudder or gear of asv-steered; use steering 0",
+            "faults.x.rudder.which = 'rudder 0' is not a rudder or gear of asv-steered; use steering 0",
         ),
         (
             "[sitl, vehicles/asv-steered]",
@@ -135,17 +135,17 @@ def test_without_an_autopilot_there_is_nothing_to_go_wrong(write: Write, golden:
         (
             "[sitl, vehicles/asv-steered]",
             "{propeller: {which: port, reversed: true}}",
-            "faults.x.propeller.which = 'port' names no propeller of asv-steered; use propeller 0",
+            "faults.x.propeller.which = 'port' is not a propeller of asv-steered; use propeller 0",
         ),
         (
             "[sitl, vehicles/heron]",
             "{battery: {voltage_drop_v: 1}}",
-            "faults.x.battery has nothing to act on: vehicle.battery of heron is not given; give its cells",
+            "faults.x.battery has no effect, because heron has no vehicle.battery; add it with cells",
         ),
         (
             "sitl-ardupilot",
             "{gnss: {drift_mps: 0.1}}",
-            "faults.x.gnss reaches nobody: this autopilot simulates its own gnss from the true motion",
+            "faults.x.gnss has no effect, because this autopilot simulates its own gnss from the true motion",
         ),
     ],
 )

@@ -42,7 +42,7 @@ def test_more_waypoints_than_mavlink_numbers_are_refused_by_their_number(tmp_pat
 
 def test_more_than_the_embedded_autopilot_keeps_are_refused_before_the_run(tmp_path: Path) -> None:
     load_profile(boat(tmp_path, 723, "sitl"))
-    with pytest.raises(ProfileError, match="which keeps 724 items with home"):
+    with pytest.raises(ProfileError, match="which stores 724 items including home"):
         load_profile(boat(tmp_path, 724, "sitl"))
 
 
@@ -73,7 +73,7 @@ def test_a_profile_beyond_all_bounds_is_not_read(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize("name", ["boat.yaml", "boat.parm", "boat.csv", "boat.key"])
 def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
-    with pytest.raises(UserError, match="is no regular file"):
+    with pytest.raises(UserError, match=r"is no(t a)? regular file"):
         _used(tmp_path / name)
 
 

@@ -263,13 +263,13 @@ world:
 @pytest.mark.parametrize(
     ("start", "problem"),
     [
-        ("north_m: 0, east_m: 20, heading_deg: 90", "its start [0, 20] is in the log boom; put it elsewhere"),
+        ("north_m: 0, east_m: 20, heading_deg: 90", "its start [0, 20] is in the log boom; use another place"),
         ("north_m: 1.5, east_m: 20", "is in the log boom"),  # with its bow: the hull is 2.3 m long
         ("north_m: 1.5, east_m: 20, heading_deg: 90", None),  # it is 1.6 m wide, and floats reach to 0.5 m
         ("north_m: 96, east_m: 15", "its start [96, 15] is in the dam"),
         ("north_m: 90, east_m: 15", None),
         ("north_m: -76, east_m: 63", "is in a building"),
-        ("north_m: 50, east_m: 99.5", "is aground: the river is 200 m wide there; put it elsewhere"),
+        ("north_m: 50, east_m: 99.5", "is aground: the river is 200 m wide there; use another place"),
         ("north_m: 50, east_m: 98", None),
         ("north_m: 500, east_m: 99.5", None),  # no banks are drawn there
     ],
@@ -304,10 +304,13 @@ BARGE = "traffic: {track_ned_m: [[0, -120], [300, -120]], speed_mps: 2, length_m
     [
         (
             f"  one: {{}}\n  barge: {{{BARGE}}}, vehicle: {{mass_kg: 9}}}}",
-            "5: vessels.barge.vehicle does not go",
+            "5: vessels.barge.vehicle has no effect on scripted traffic",
         ),
-        (f"  barge: {{{BARGE}}}}}", "3: vessels has scripted ones alone; add one with an autopilot, such as `own: {}`"),
-        (f"  one: {{}}\n  barge: {{{BARGE}}}, ais: {{}}}}", "leave out one of them; its AIS is traffic.ais"),
+        (
+            f"  barge: {{{BARGE}}}}}",
+            "3: vessels has only scripted vessels; add one with an autopilot, such as `own: {}`",
+        ),
+        (f"  one: {{}}\n  barge: {{{BARGE}}}, ais: {{}}}}", "remove ais or traffic; its AIS is traffic.ais"),
         (
             f"  one: {{{FOLLOW % 'barge'}}}\n  barge: {{{BARGE}}}}}",
             "4: vessels.one.driver.follow.vessel = barge is",

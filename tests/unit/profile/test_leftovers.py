@@ -50,7 +50,7 @@ def test_the_dam_the_windage_and_the_gains_stay_behind(write: Write, golden: Gol
     for leftover in ("vehicle.wind", "vehicle.added_mass", "world.log_boom", "world.dam", "mission.waypoints_ned_m"):
         assert leftover in text, text
     golden("warnings", text, "1.8 m, not 2.3")
-    assert "mine.yaml:1: the vessel is another one than that of " in text
+    assert "mine.yaml:1: this is another vessel than in " in text
     assert "mine.yaml:2: the site is " in text
     assert "base-sitl" in text
 
@@ -58,7 +58,7 @@ def test_the_dam_the_windage_and_the_gains_stay_behind(write: Write, golden: Gol
 def test_hulls_in_place_of_the_hull_are_another_vessel(write: Write) -> None:
     monohull = "{length_m: 2.3, keel_frd_m: [0, 0, 0.25], section: {width_m: 0.8, depth_m: 0.5}}"
     text = told(write, f"extends: sitl\nvehicle:\n  hull: null\n  hulls: [{monohull}]\n")
-    assert "boat.yaml:3: the vessel is another one than that of " in text
+    assert "boat.yaml:3: this is another vessel than in " in text
     assert "vehicle.wind" in text
 
 
@@ -92,7 +92,7 @@ def test_the_order_of_the_parts_does_not_matter_to_it(write: Write) -> None:
 def test_gains_of_somebodys_other_boat_are_told(write: Write) -> None:
     write(VESSEL.replace("WIND", WIND) + "autopilot: {parameters: {ATC_SPEED_P: 2, FS_ACTION: 2}}", "older.yaml")
     text = told(write, "extends: [base-sitl, older.yaml]\nvehicle: {hull: {length_m: 3.6}}\n" + NORWAY + OWN_WAY)
-    assert "vehicle.wind and autopilot.parameters are still of that one" in text
+    assert "vehicle.wind and autopilot.parameters are still inherited from there" in text
 
 
 def test_a_magnetic_field_stays_behind(write: Write) -> None:
@@ -124,7 +124,7 @@ def test_gains_of_the_embedded_autopilot_mean_nothing_to_another(write: Write) -
 
 def test_a_vessel_for_the_embedded_autopilot_takes_the_files_of_another(write: Write) -> None:
     text = told(write, "extends: [sitl-ardupilot, vehicles/otter]")
-    assert "leaves ArduPilot without rover-json, rover-differential, rover-asv-full" in text
+    assert "removes rover-json, rover-differential, rover-asv-full from ArduPilot" in text
     assert told(write, "extends: [sitl, vehicles/otter]") == ""
 
 

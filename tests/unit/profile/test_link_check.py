@@ -126,7 +126,7 @@ def test_what_the_sentence_advises_is_enough(write: Write, link: str) -> None:
 def test_a_bus_that_is_too_slow_counts_both_ways(write: Write, golden: Golden) -> None:
     sentence = problem_of(write, "can://slcan/pty?bitrate=250000")
     golden("finding", sentence, "11442 bytes/s")
-    assert "wanted are 19987 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
+    assert "the data need 19987 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
     assert "actuators 50 Hz × 74 = 3700" in sentence
 
 
@@ -166,7 +166,7 @@ def test_further_sensors_are_in_the_load(sensors: SensorsSpec) -> None:
     )
     usual = load_of(sensors).to_agent
     further = [flow for flow in load_of(more).to_agent if flow not in usual]
-    assert [(flow.what, flow.rate_hz) for flow in further] == [
+    assert [(flow.name, flow.rate_hz) for flow in further] == [
         ("rangefinders.0", 5.0),
         ("rangefinders.1", 20.0),
         ("messages.gps_input", sensors.gnss.rate_hz),
@@ -186,7 +186,7 @@ def test_every_task_of_an_agent_with_ground_stations_is_in_the_load(sensors: Sen
         told = [
             message.task for message in host.receive() if message.get_msgId() == dialect.MAVLINK_MSG_ID_XITL_TASK_STATS
         ]
-    (flow,) = [flow for flow in load_of(sensors).to_host if flow.what == "task statistics"]
+    (flow,) = [flow for flow in load_of(sensors).to_host if flow.name == "task statistics"]
     assert flow.rate_hz == len(set(told)) > 4
 
 

@@ -158,7 +158,7 @@ def test_commands_that_are_passed_over_are_named(write: Write) -> None:
     items = [_simple(16, [0, 0, 0, 0, *PLACES[0], 0], 1), _simple(206, [5, 0, 0, 0, 0, 0, 0], 2, frame=2)]
     write(_plan(items), "course.plan")
     loaded = load_with_origins(str(write(BOAT + "mission: {file: course.plan}\n")))
-    assert any("passes over 1 (SetCamTrigDst)" in text for text in loaded.warnings)
+    assert any("skips 1 (SetCamTrigDst)" in text for text in loaded.warnings)
 
 
 def test_what_is_named_as_performed_is_what_the_autopilot_performs() -> None:
@@ -177,27 +177,31 @@ EXTERNAL = (
     [
         ("a.gpx", BOMB, "a.gpx:1: has a <!DOCTYPE>"),
         ("a.kml", EXTERNAL, "a.kml:1: has a <!DOCTYPE>"),
-        ("a.kml", "<kml>" + "<a>" * 200, "a.kml:1: has too many elements, or too deep ones"),
+        ("a.kml", "<kml>" + "<a>" * 200, "a.kml:1: has too many or too deeply nested elements"),
         ("a.gpx", "<gpx>\n<rte>\n</gpx>", "a.gpx:3: is not valid XML: mismatched tag"),
         ("a.gpx", GPX.replace('lat="52.4015"', 'lat="north"'), "a.gpx:4: <rtept> lat: 'north' is not a number"),
-        ("a.kml", KML.replace("LineString", "Polygon"), "a.kml:2: <Polygon> is no course; use a LineString or Points"),
+        (
+            "a.kml",
+            KML.replace("LineString", "Polygon"),
+            "a.kml:2: <Polygon> is not a course; use a LineString or Points",
+        ),
         ("a.waypoints", "52.4 13.0\n", "a.waypoints:1: does not begin with QGC WPL 110"),
         ("a.waypoints", WPL.replace("\t13.0352", "\t"), "a.waypoints:4: item 2: latitude 52.4015, longitude"),
         ("a.waypoints", WPL + "4 0 3 16 0 0\n", "a.waypoints:6: item has 6 columns; QGC WPL has 12"),
         ("a.geojson", '{"type": "Feature"}', "a.geojson: geometry is missing; draw it, or remove the feature"),
-        ("a.geojson", '{"type": "Polygon", "coordinates": []}', "a.geojson: type is 'Polygon', which is no course"),
+        ("a.geojson", '{"type": "Polygon", "coordinates": []}', "a.geojson: type is 'Polygon', which is not a course"),
         ("a.geojson", '{\n"type": ,}', "a.geojson:2: is not valid JSON"),
         ("a.geojson", "[" * 100_000, "a.geojson: is nested too deeply"),
-        ("a.plan", '{"fileType": "Fence"}', "a.plan: is no plan of QGroundControl"),
+        ("a.plan", '{"fileType": "Fence"}', "a.plan: is not a plan of QGroundControl"),
         (
             "a.plan",
             _plan([{"type": "ComplexItem", "complexItemType": "StructureScan"}]),
-            "a.plan: mission.items.0 is a complex item, 'StructureScan', which xitl cannot sail",
+            "a.plan: mission.items.0 is a complex item, 'StructureScan', which xitl does not support",
         ),
         (
             "a.plan",
             _plan([_simple(178, [1, 2, 0, 0, 3, 4, 0], 1)]),
-            "a.plan: mission.items.0: command 178 (ChangeSpeed) has no place, and its parameters 5 and 6 are 3 and 4",
+            "a.plan: mission.items.0: command 178 (ChangeSpeed) has no place, but its parameters 5 and 6 are 3 and 4",
         ),
         ("a.csv", "1,2", "boat.yaml:3: mission.file = "),
     ],
@@ -228,7 +232,7 @@ def test_the_file_takes_the_place_of_inherited_waypoints_and_is_given_alone(writ
     assert load_profile(laid, ["mission.waypoints_ned_m=[[5, 6]]"]).mission.course_ned_m == ((5.0, 6.0),)  # type: ignore[union-attr]
     assert len(_geodetic(load_profile("base.yaml", ["mission.file=course.waypoints"]))) == 3
     both = write(BOAT + "mission: {file: course.waypoints, waypoints_ned_m: [[1, 2]]}\n")
-    with pytest.raises(ProfileError, match=r"mission\.file and mission\.waypoints_ned_m are both there"):
+    with pytest.raises(ProfileError, match=r"mission\.file and mission\.waypoints_ned_m exclude each other"):
         load_profile(str(both))
 
 
@@ -283,5 +287,5 @@ def test_a_place_that_is_wrong_is_named_with_its_line(write: Write, text: str, g
 
 def test_a_place_needs_a_site(write: Write) -> None:
     path = write("mission: {waypoints_ned_m: [{lat: 52.4, lon: 13}]}\n")
-    with pytest.raises(ProfileError, match="add site, from which metres are counted"):
+    with pytest.raises(ProfileError, match="add site, the origin of the metres"):
         load_profile(str(path))

@@ -12,15 +12,15 @@ from xitl_cli.profile import load_profile
 @pytest.mark.parametrize(
     ("profile", "overrides", "problem"),
     [
-        ("sitl", ["driver.kind=ros"], r"driver\.kind = ros has no ROS to be driven from; add ros: \{enabled: true\}"),
-        ("sitl", ["companion={kind: ros}", "ros.enabled=true"], "its nodes have neither lidar nor sonar to see by"),
-        ("sitl-perception", ["companion.kind=ros"], "companion.kind = ros has no ROS to speak to"),
-        ("sitl-px4", ["driver.kind=ros", "ros.enabled=true"], "drives by ArduPilot's GUIDED, which PX4 does not have"),
+        ("sitl", ["driver.kind=ros"], r"driver\.kind = ros needs ROS; add ros: \{enabled: true\}"),
+        ("sitl", ["companion={kind: ros}", "ros.enabled=true"], "its nodes have neither lidar nor sonar"),
+        ("sitl-perception", ["companion.kind=ros"], "companion.kind = ros needs ROS"),
+        ("sitl-px4", ["driver.kind=ros", "ros.enabled=true"], "uses ArduPilot's GUIDED, which PX4 does not have"),
         ("ros-lockstep", ["clock.mode=realtime"], r"use clock\.mode: lockstep"),
         (
             "ros-lockstep",
             ["ros.lockstep.step_s=0.03"],
-            r"step_s = 0\.03 is no .*; use a multiple of 0\.02",
+            r"step_s = 0\.03 is not .*; use a multiple of 0\.02",
         ),
         ("ros-lockstep", ["ros.lockstep.nodes=[]"], "ros.lockstep.nodes"),
         ("ros", ["ros.silent_s=0"], "ros.silent_s = 0"),

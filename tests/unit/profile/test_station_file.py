@@ -9,8 +9,12 @@ from pymavlink.mavparm import MAVParmDict
 
 from agent.mavlink.parameter_rows import ParameterError
 from xitl_cli.params.values import ParameterSet, file_text, format_value
-from xitl_cli.profile.files.parameter_files import read_parameter_file
-from xitl_cli.profile.files.station_file import is_station_file, load_station_file, station_file_text
+from xitl_cli.profile.files.parameter_files import (
+    is_station_file,
+    load_station_file,
+    read_parameter_file,
+    station_file_text,
+)
 from xitl_cli.shipped import firmware_params_dir
 
 # The head and first rows of a file that QGroundControl saved of a PX4.
@@ -47,9 +51,9 @@ def test_it_is_known_by_its_columns_whatever_its_name(tmp_path: Path) -> None:
         ("1\t1\tRO_SPEED_LIM\t3", "p:2: expected Vehicle-Id Component-Id Name Value Type, found"),
         ("1\t1\tRO_SPEED_LIM\tfast\t9", "p:2: RO_SPEED_LIM = 'fast' is not a number"),
         ("1\t1\tRO_SPEED_LIM\tnan\t9", "p:2: RO_SPEED_LIM = nan is not a finite number"),
-        ("1\t1\tCA_R_REV\t2.5\t6", "p:2: CA_R_REV = 2.5 is no value of its type 6"),
-        ("1\t1\tCA_R_REV\t300\t2", "p:2: CA_R_REV = 300 is no value of its type 2"),
-        ("1\t1\tCA_R_REV\t3\t77", "p:2: CA_R_REV has type 77, which is none"),
+        ("1\t1\tCA_R_REV\t2.5\t6", "p:2: CA_R_REV = 2.5 is not a value of its type 6"),
+        ("1\t1\tCA_R_REV\t300\t2", "p:2: CA_R_REV = 300 is not a value of its type 2"),
+        ("1\t1\tCA_R_REV\t3\t77", "p:2: CA_R_REV has an unknown type 77"),
     ],
 )
 def test_a_row_that_is_none_is_refused_with_its_line(row: str, problem: str) -> None:

@@ -112,8 +112,8 @@ def test_an_override_sets_a_key_of_a_tide(write: Write) -> None:
             6,
             "table.1.0 = inf is not a time; write seconds since the start, or UTC",
         ),
-        (tidal("{table: [[0, 1], [1800, 2]]}"), 6, "table ends at 1800 s, and the run needs it to 3600 s; add rows"),
-        (tidal("{table: [[60, 1], [3600, 2]]}"), 6, "table begins at 60 s, and the run needs it from 0 s; add rows"),
+        (tidal("{table: [[0, 1], [1800, 2]]}"), 6, "table ends at 1800 s, but the run needs it to 3600 s; add rows"),
+        (tidal("{table: [[60, 1], [3600, 2]]}"), 6, "table begins at 60 s, but the run needs it from 0 s; add rows"),
         (tidal("{file: none.csv}"), 6, "none.csv cannot be read: no such file or directory; check the path"),
         (tidal("{file: 3}"), 6, "environment.water.tide.file = 3 is not text; write the path of a CSV file"),
         (
@@ -142,9 +142,13 @@ def test_errors_name_the_line_the_key_and_the_fix(write: Write, text: str, line:
         (
             "0,1\n" + "x" * 200_000 + ",2\n",
             2,
-            "is no CSV (field larger than field limit (131072)); write a time and a height",
+            "is not CSV (field larger than field limit (131072)); write a time and a height",
         ),
-        ("time,height\n0,1\n1800,high\n", 3, "'1800, high' is no row of time and height; write for example 3600, 0.42"),
+        (
+            "time,height\n0,1\n1800,high\n",
+            3,
+            "'1800, high' is not a row of time and height; write for example 3600, 0.42",
+        ),
         ("0,1\n\n7200,2\n3600,1\n", 4, "environment.water.tide.table.2.0 = 3600 is not after 7200; sort the rows"),
         ("0,1\n3600,nan\n", 2, "environment.water.tide.table.1.1 = nan is not finite"),
         ("0,1\nnoon,2\n", 2, "environment.water.tide.table.1.0 = 'noon' is not a date and time"),

@@ -99,13 +99,14 @@ class Losses:
 class Log(ABC):
     """An open log. Close it, or use it in a `with`; its tables cannot be read afterwards.
 
-    with xitl.open_log("flight.bin") as log:
-        list(log)  # names of messages or topics
-        log["ATT"]["Roll"]  # (N,) degrees
+        with xitl.open_log("flight.bin") as log:
+            list(log)  # names of messages or topics
+            log["ATT"]["Roll"]  # (N,) degrees
+
+    path, format: path and format of the file.
     """
 
     path: Path
-    """Path of the file."""
     format: Format
 
     @property

@@ -1,4 +1,6 @@
-"""Grouping of findings by cause: consequences of a finding are listed under it, the earliest first.
+"""Relations between findings: grouping by cause, and OK findings that other findings contradict.
+
+Consequences of a finding are listed under it, the earliest first.
 
 A cut link causes a gap of the sensors, a failsafe, a lost position and an unfinished mission. `CAUSES` lists the kinds
 of findings that can follow from others, and the time in which they can. Whether they do depends on their instants on
@@ -11,11 +13,11 @@ is a state: it only explains findings that begin soon after its own beginning.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
-from xitl_cli.logs.model.sections import Severity
-from xitl_cli.logs.report.file_report import FileFinding, ReportedFiles
+from xitl_cli.logs.model.sections import Finding, Severity
+from xitl_cli.logs.report.file_report import FileFinding, FileReport, ReportedFiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,3 +334,48 @@ def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -
             return min(seen[seen.index(cause) :])
         seen.append(cause)
     return seen[-1]
+
+
+# OK findings that another finding of the run contradicts.
+
+CONTRADICTED = {
+    "control.followed": (
+        "control", "actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered",
+        "actuation.gnss_drift", "sensors.field_step", "sensors.gyro_bias",
+    ),
+    "attitude.upright": ("attitude.overturned", "attitude.leaning", "attitude.impact", "attitude.contact"),
+    "links.whole": ("links.loss",),
+    "links.sequence_whole": ("links.sequence_loss",),
+    "scheduler.on_time": ("scheduler.long_loops", "scheduler.deadlines_missed", "scheduler.late_tasks"),
+    "tasks.in_time": ("tasks.overruns",),
+}  # fmt: skip
+"""OK findings, and the kinds of findings that contradict them.
+
+If a faulty sensor misled the estimate, good tracking by the estimate is not good tracking on the water.
+"""
+
+
+def without_contradictions(files: Iterable[FileReport]) -> tuple[FileReport, ...]:
+    """The files without OK findings that another finding of this run contradicts."""
+    files = tuple(files)
+    bad = {
+        finding.key
+        for file in files
+        for section in file.sections
+        for finding in section.findings
+        if finding.severity >= Severity.WARNING
+    }
+    consistent = []
+    for file in files:
+        sections = []
+        for section in file.sections:
+            findings = tuple(finding for finding in section.findings if not is_contradicted(finding, bad))
+            sections.append(replace(section, findings=findings))
+        consistent.append(replace(file, sections=tuple(sections)))
+    return tuple(consistent)
+
+
+def is_contradicted(finding: Finding, bad: Iterable[str]) -> bool:
+    """Whether an OK finding is contradicted by a finding with one of these keys."""
+    kinds = CONTRADICTED.get(finding.key, ()) if finding.severity == Severity.OK else ()
+    return any(is_kind(key, kinds) for key in bad)

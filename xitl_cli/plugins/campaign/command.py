@@ -301,6 +301,7 @@ def _show_points(plan: CampaignPlan, as_json: bool, on: str | None, workers: int
 
 def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers: int | None) -> str:
     """Return wall time and disk of a campaign in a sentence each, and the basis of both."""
+    from xitl_cli.logs.model.text import plural
     from xitl_cli.plugins.campaign.estimate import ROW_BYTES
 
     about = "at most about" if cost.at_most else "about"
@@ -311,9 +312,7 @@ def cost_text(cost: RunCost, runs: int, recordings: str, on: str | None, workers
     else:
         parallel = min(workers or os.cpu_count() or 1, runs)
         whole_s = math.ceil(runs / parallel) * cost.wall_s
-        time_text = (
-            f"wall time: {about} {duration_text(whole_s)} with {parallel} parallel {'run' if parallel == 1 else 'runs'}"
-        )
+        time_text = f"wall time: {about} {duration_text(whole_s)} with {plural(parallel, 'parallel run')}"
     rows_bytes = runs * ROW_BYTES
     if recordings == "none":
         disk_text = f"disk: about {size_text(rows_bytes)}, because no run is kept"

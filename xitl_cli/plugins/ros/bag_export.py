@@ -36,6 +36,11 @@ from xitl_cli.profile.files.catalogue import PROFILE
 from xitl_cli.profile.load import recorded_profiles
 
 OWN_PACKAGE = "xitl_export"
+ROS1_SUFFIX = ".bag"
+_METADATA = "metadata.yaml"
+_VERSION: Literal[8, 9] = 9
+_DEPTH = 10
+_CALLER = "/xitl"
 
 
 class BagMessage(NamedTuple):
@@ -281,13 +286,6 @@ def topic_token(name: str) -> str:
     """Convert a name to a ROS topic: `GPS[1]` is /GPS_1, `/link/agent/rx:ATTITUDE` /link/agent/rx_ATTITUDE."""
     parts = [re.sub(r"[^A-Za-z0-9]+", "_", part).strip("_") for part in name.split("/")]
     return "/" + "/".join(part if part[:1].isalpha() else f"m{part}" for part in parts if part)
-
-
-ROS1_SUFFIX = ".bag"
-_METADATA = "metadata.yaml"
-_VERSION: Literal[8, 9] = 9
-_DEPTH = 10
-_CALLER = "/xitl"
 
 
 class BagWriter:

@@ -50,7 +50,7 @@ from xitl_cli.plugins.ros.discovery import (
     stays_on_machine,
 )
 from xitl_cli.plugins.ros.middleware import (
-    LOOK_S,
+    CHECK_S,
     NODE_NAME,
     MiddlewareLosses,
     QosProfile,
@@ -131,7 +131,7 @@ class CycloneMiddleware:
         self._problems = list(unread_variables(spec))
         self._reported: set[tuple[str, int]] = set()
         self._others = OtherEndpoints(self._participant)
-        self._next_look_s = 0.0
+        self._next_check_s = 0.0
         self._lock = threading.Lock()
         self._graph = self._writer(GRAPH, GRAPH_TYPE, GRAPH_QOS)
         self._graph_reader: DataReader[Any] | None = None
@@ -236,8 +236,8 @@ class CycloneMiddleware:
             problems, self._problems = self._problems, []
         problems += self._commanders.problems()
         now_s = time.monotonic()
-        if now_s >= self._next_look_s:
-            self._next_look_s = now_s + LOOK_S
+        if now_s >= self._next_check_s:
+            self._next_check_s = now_s + CHECK_S
             others = self._others.publishers({f"rt{topic}" for topic in self._published})
             if others:
                 problems.append(others_text([name[2:] for name in others], f"in domain {self._domain_id}"))

@@ -31,6 +31,13 @@ _UNKNOWN_MILLIVOLTS = 0, 0xFFFF
 
 Measured = tuple[str, str, Any, int]
 """Topic of OUTPUTS, the part in its braces if any, the message, and its instant."""
+Array = NDArray[np.float64]
+POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+TIMED_POINT = np.dtype([*POINT.descr, ("time", "<f4")])
+"""time: seconds after the stamp, as in Velodyne's driver."""
+_FLOAT32 = 7  # PointField
+SCAN_BINS = 360
+SCAN_HEIGHTS_M = 0.1, 3.0
 
 
 class Attitude(Protocol):
@@ -199,16 +206,6 @@ def _flu(vector_frd: Any) -> Any:
 def _diagonal(variance: float) -> NDArray[np.float64]:
     """Return (9,) for three equal axes."""
     return (np.eye(3) * variance).reshape(9)
-
-
-Array = NDArray[np.float64]
-
-POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-TIMED_POINT = np.dtype([*POINT.descr, ("time", "<f4")])
-"""time: seconds after the stamp, as in Velodyne's driver."""
-_FLOAT32 = 7  # PointField
-SCAN_BINS = 360
-SCAN_HEIGHTS_M = 0.1, 3.0
 
 
 class CloudFrame:

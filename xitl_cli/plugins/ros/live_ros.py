@@ -37,6 +37,10 @@ END_S = 5.0
 MOST_REFUSALS = 50  # reported refusals, each once
 MOST_IN_PIPE_BYTES = 1 << 20
 """Limit of queued data in the pipe: data in the pipe can no longer be dropped."""
+POLL_S = 0.002
+CLOCK_AGAIN_S = 0.2
+SETTLED_S = 1.0
+"""Wait after the first message of a node, so that its other endpoints and the bridge discover each other."""
 
 
 class LiveRosNode(RunNode):
@@ -61,7 +65,7 @@ class LiveRosNode(RunNode):
         self._dropped: Counter[int] = Counter()
         self._now_ns = 0
         self._every = max(round(profiles[0].clock.physics_rate_hz / HAND_OVER_HZ), 1)
-        self._taken = (0, 0.0)
+        self._progress = (0, 0.0)
         self._next_s = 0.0
         self._silent = False
         self._name = ""
@@ -174,9 +178,9 @@ class LiveRosNode(RunNode):
             self._handle(message)
         # Check that the process still accepts data
         now_s, taken_bytes = time.monotonic(), self._bridge.taken_bytes
-        if not self._bridge.waiting_bytes or taken_bytes != self._taken[0]:
-            self._taken, self._silent = (taken_bytes, now_s), False
-        elif now_s - self._taken[1] > SILENT_S and not self._silent:
+        if not self._bridge.waiting_bytes or taken_bytes != self._progress[0]:
+            self._progress, self._silent = (taken_bytes, now_s), False
+        elif now_s - self._progress[1] > SILENT_S and not self._silent:
             self._silent = True
             self._warn(
                 f"ros: the bridge has accepted no data for {SILENT_S:g} s; the run continues and drops the oldest data"
@@ -261,12 +265,6 @@ class RosOutput(LiveOutput):
         return [bridge, RosLockstepNode(lead.ros.lockstep, lead.clock, bridge, run.tell, run.interrupted)]
 
 
-LOOK_S = 0.002
-CLOCK_AGAIN_S = 0.2
-SETTLED_S = 1.0
-"""Wait after the first message of a node, so that its other endpoints and the bridge discover each other."""
-
-
 class AnsweringNodes(Protocol):
     """Source of nodes' answers: see LiveRosNode."""
 
@@ -314,7 +312,7 @@ class RosLockstepNode(RunNode):
         self._stand(0, self._keys.start_timeout_s)
         until_s = self._now_s() + SETTLED_S
         while self._now_s() < until_s and not self._interrupted() and not self._nodes.lost:
-            self._nodes.poll(LOOK_S)
+            self._nodes.poll(POLL_S)
 
     def record(self, step: RunStep) -> None:
         if step.number % self._every == 0:
@@ -331,7 +329,7 @@ class RosLockstepNode(RunNode):
             if now_s - began_s >= timeout_s:
                 self._give_up(now_ns, missing, timeout_s)
                 break
-            self._nodes.poll(LOOK_S)
+            self._nodes.poll(POLL_S)
             now_s = self._now_s()
             if now_s - sent_s >= CLOCK_AGAIN_S:
                 sent_s = now_s

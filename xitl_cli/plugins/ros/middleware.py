@@ -14,7 +14,7 @@ from xitl_cli.plugins.ros.outputs import QosKind
 from xitl_cli.profile.schema.ros import RosTopicSpec
 
 NODE_NAME = "xitl"
-LOOK_S = 1.0
+CHECK_S = 1.0
 """Interval of the check for other publishers of the same topics."""
 
 

@@ -25,7 +25,7 @@ from xitl_cli.plugins.ros.discovery import (
     full_node_name,
 )
 from xitl_cli.plugins.ros.middleware import (
-    LOOK_S,
+    CHECK_S,
     NODE_NAME,
     MiddlewareLosses,
     QosProfile,
@@ -53,7 +53,7 @@ class RclpyMiddleware:
         self._published: list[str] = []
         self._types: dict[str, str] = {}
         self._shared: set[str] = set()
-        self._next_look_s = 0.0
+        self._next_check_s = 0.0
         self._reported: set[tuple[str, str]] = set()
         implementation = rclpy.get_rmw_implementation_identifier()
         distribution = os.environ.get("ROS_DISTRO", "")
@@ -117,8 +117,8 @@ class RclpyMiddleware:
         problems, self._problems = self._problems, []
         problems += self._commanders.problems()
         now_s = time.monotonic()
-        if now_s >= self._next_look_s:
-            self._next_look_s = now_s + LOOK_S
+        if now_s >= self._next_check_s:
+            self._next_check_s = now_s + CHECK_S
             # Topics that other nodes publish too
             unshared = [topic for topic in self._published if topic not in self._shared]
             others = [topic for topic in unshared if self._node.count_publishers(topic) > 1]

@@ -19,6 +19,12 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import VESSEL_FRAME
 from xitl_cli.replay.thrust_log import thruster_names
 
+_WHITE, _DARK, _SENSOR = "0.92 0.93 0.95 1", "0.2 0.22 0.25 1", "0.1 0.4 0.7 1"
+_SENSOR_M = 0.03
+_GUESS_SHARE = {"air": 0.25, "water": 0.08}
+"""Diameter of a propeller without one in its data, as a share of the vessel's length."""
+_ANY_EFFORT, _ANY_RATE = "0", "0"
+
 
 @dataclass(frozen=True, slots=True)
 class ThrusterLink:
@@ -91,13 +97,6 @@ def state_of(thruster: ThrusterLink, rotor: Sequence[float], water_density_kgpm3
     curve = thruster.propeller.open_water
     speed_radps = math.nan if curve is None else share * curve.max_speed_rps * math.tau
     return ThrusterState(angle_rad, speed_radps, share * abs(share) * (ahead_n if share > 0.0 else astern_n))
-
-
-_WHITE, _DARK, _SENSOR = "0.92 0.93 0.95 1", "0.2 0.22 0.25 1", "0.1 0.4 0.7 1"
-_SENSOR_M = 0.03
-_GUESS_SHARE = {"air": 0.25, "water": 0.08}
-"""Diameter of a propeller without one in its data, as a share of the vessel's length."""
-_ANY_EFFORT, _ANY_RATE = "0", "0"
 
 
 def make_robot_description(profile: RunProfile) -> str:

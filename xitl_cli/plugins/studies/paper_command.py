@@ -26,35 +26,40 @@ TABLE = "table.json"
 
 Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", help="For runs, figures and table.json (default: runs/paper-…-<time>)."),
+    typer.Option("--out", metavar="DIR", help="Folder of runs, figures and table.json (default: runs/paper-…-<time>)."),
 ]
 Page = Annotated[bool, typer.Option("--report", help="Write one page with tables and figures: DIR/paper.html.")]
 Firmware = Annotated[
     str | None,
-    typer.Option("--firmware", metavar="PATH", help="ardurover to start (default: the one that is found)."),
+    typer.Option("--firmware", metavar="PATH", help="ardurover to start (default: the installed one)."),
 ]
 Real = Annotated[
     Path | None,
     typer.Option(
-        "--real", metavar="LOG", help="Of a real boat, with servo outputs and positions: a .bin, .tlog or MCAP file."
+        "--real", metavar="LOG", help="Log of a real boat with servo outputs and positions: .bin, .tlog or MCAP."
     ),
 ]
 Board = Annotated[
     str | None,
-    typer.Option("--board", metavar="URL", help="Agent on a board: udp://192.168.7.2:14660; else a process here."),
+    typer.Option(
+        "--board", metavar="URL", help="Agent on a board, such as udp://192.168.7.2:14660 (default: a process here)."
+    ),
 ]
 
 
 def section_4_1(
     real: Real = None,
     from_s: Annotated[
-        float | None, typer.Option("--from", metavar="S", help="Replay from here of LOG's time (default: first armed).")
+        float | None,
+        typer.Option("--from", metavar="S", help="Start of the replay in LOG's time (default: first armed)."),
     ] = None,
     until_s: Annotated[
-        float | None, typer.Option("--until", metavar="S", help="Replay up to here of LOG's time (default: its end).")
+        float | None,
+        typer.Option("--until", metavar="S", help="End of the replay in LOG's time (default: the end of LOG)."),
     ] = None,
     vehicle: Annotated[
-        str, typer.Option("--vehicle", metavar="NAME", help="What the outputs drive: a shipped vehicle, or a .yaml.")
+        str,
+        typer.Option("--vehicle", metavar="NAME", help="Vessel that the outputs drive: a shipped vehicle, or a .yaml."),
     ] = "asv-third",
     out: Out = None,
     seed: RunsSeed = 1,
@@ -63,10 +68,10 @@ def section_4_1(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Drive the 1/3 scale vessel by recorded motor outputs: positions, speeds and errors against the recording's.
+    """Drive the 1/3 scale vessel by recorded motor outputs, and compare positions and speeds with the recording.
 
-    Without --real the recording is that of a run with other parameters, disturbances and noisy sensors.
-    Exit code: 0 when the replay was completed, 1 when not, 2 something to put right.
+    Without --real, the recording is from a run with other parameters, disturbances and noisy sensors.
+    Exit code: 0 the replay was completed; 1 it was not; 2 an error.
     """
     setup = _setup(out, "4.1", seed, duration, overwrite, real=real, from_s=from_s, until_s=until_s, vehicle=vehicle)
     _carry_out(("4.1",), setup, report, as_json)
@@ -81,10 +86,11 @@ def section_4_2(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Compare how soon ArduPilot departs with its own simulated sensors and with ours, in the paper's environments.
+    """Compare the departure times of ArduPilot with its own simulated sensors and with ours, in the paper's
+    environments.
 
-    Without an ardurover the embedded autopilot departs, and says so.
-    Exit code: 0 when the vessel moved in all runs, 1 when not, 2 something to put right.
+    Without an ardurover, the command uses the embedded autopilot and reports it.
+    Exit code: 0 the vessel moved in all runs; 1 it did not; 2 an error.
     """
     _carry_out(("4.2",), _setup(out, "4.2", seed, duration, overwrite, firmware=firmware), report, as_json)
 
@@ -101,7 +107,7 @@ def section_4_3(
 ) -> None:
     """Compare one mission in software in the loop and in hardware in the loop: path, channels, timing, maps.
 
-    The second run keeps real time. Exit code: 0 when both completed the mission, 1 when not, 2 something to put right.
+    The second run keeps real time. Exit code: 0 both completed the mission; 1 one did not; 2 an error.
     """
     setup = _setup(out, "4.3", seed, duration, overwrite, board=board, firmware=firmware)
     _carry_out(("4.3",), setup, report, as_json)
@@ -115,9 +121,9 @@ def section_4_4(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Fuse lidar and sonar before a half-submerged branch and an obstacle under water.
+    """Fuse lidar and sonar in front of a half-submerged branch and an obstacle under water.
 
-    Exit code: 0 when both sensors saw what they are there for, 1 when not, 2 something to put right.
+    Exit code: 0 both sensors saw their obstacles; 1 one did not; 2 an error.
     """
     _carry_out(("4.4",), _setup(out, "4.4", seed, duration, overwrite), report, as_json)
 
@@ -125,7 +131,7 @@ def section_4_4(
 def wdri(out: Out = None, report: Page = False, overwrite: Overwrite = False, as_json: Json = False) -> None:
     """Compute the eight realism indices of the paper and draw their graphs.
 
-    Exit code: 0 when all are as printed, 1 when not.
+    Exit code: 0 all are as printed; 1 one is not.
     """
     _carry_out(("wdri",), _setup(out, "wdri", 1, None, overwrite), report, as_json)
 
@@ -141,12 +147,12 @@ def all_sections(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Carry out all of them, one after the other: some ten minutes, of which one run keeps real time.
+    """Carry out all experiments in turn. This takes about ten minutes; one run keeps real time.
 
-    What cannot be done here is left out and said. Exit code: 0 when all were completed, 1 when one was not, 2 when
-    there is something to put right, 130 interrupted; what is done is kept.
+    Experiments that are impossible here are left out and reported. Exit code: 0 all were completed; 1 one was not; 2 an
+    error; 130 interrupted. Completed experiments are kept.
     """
-    from xitl_cli.plugins.studies.experiments.catalogue import EXPERIMENTS
+    from xitl_cli.plugins.studies.api import EXPERIMENTS
 
     setup = _setup(out, "", seed, duration, overwrite, real=real, board=board, firmware=firmware)
     _carry_out(tuple(EXPERIMENTS), setup, report, as_json)
@@ -163,8 +169,8 @@ def _setup(
 def _carry_out(sections: Sequence[str], setup: ExperimentSetup, page: bool, as_json: bool) -> None:
     """Carry out the sections one after the other. Each is shown and written when it is done."""
     from xitl_cli.experiment.setup import InterruptedRunError
-    from xitl_cli.plugins.studies.experiments.catalogue import carry_out
-    from xitl_cli.plugins.studies.experiments.figures import check_figures_installed
+    from xitl_cli.plugins.studies.api import carry_out
+    from xitl_cli.plugins.studies.experiments.figures import PAGE, check_figures_installed, write_page
 
     console = terminal(stderr=as_json, soft_wrap=True)
     if page:
@@ -178,82 +184,72 @@ def _carry_out(sections: Sequence[str], setup: ExperimentSetup, page: bool, as_j
         if len(sections) > 1:
             console.print(f"\n{section}: {len(done) + len(refused) + 1} of {len(sections)}", style="bold")
         try:
-            found: ExperimentReport | None = carry_out(section, own)
+            report: ExperimentReport | None = carry_out(section, own)
         except (InterruptedRunError, KeyboardInterrupt) as stop:
             interrupted = True
-            found = stop.done if isinstance(stop, InterruptedRunError) else None
+            report = stop.done if isinstance(stop, InterruptedRunError) else None
         except UserError as error:
             if len(sections) == 1:
                 raise
             refused[section] = str(error)
             say(console, f"{section} is left out: {error}", "yellow")
             continue
-        if found is not None:
-            done.append(found)
-            _keep(console, found, own.out, as_json)
+        if report is not None:
+            done.append(report)
+            _write(console, report, own.out, as_json)
         if interrupted:
             break
-    written = _page(done, setup.out) if page and done else None
+    written = setup.out / PAGE if page and done else None
+    if written is not None:
+        write_page(done, written)
     with still_read():
         if as_json:
-            typer.echo(_document(done, refused, written, len(sections) > 1))
+            document: dict[str, Any] = done[0].as_json() if done else {}
+            if len(sections) > 1:
+                document = {"experiments": [report.as_json() for report in done], "left_out": refused}
+            document["page"] = None if written is None else str(written)
+            typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
         elif written is not None:
             console.print(f"page: {written}", markup=False)
     if interrupted:
-        say(console, f"interrupted; what is done is kept in {setup.out}")
+        say(console, f"interrupted; completed experiments are kept in {setup.out}")
         raise typer.Exit(INTERRUPTED)
     if refused:
         raise typer.Exit(USER_ERROR)
-    raise typer.Exit(COMPLETED if all(one.completed for one in done) else INCOMPLETE)
+    raise typer.Exit(COMPLETED if all(report.completed for report in done) else INCOMPLETE)
 
 
-def _page(done: Sequence[ExperimentReport], directory: Path) -> Path:
-    from xitl_cli.plugins.studies.experiments.figures import PAGE, write_page
-
-    write_page(done, directory / PAGE)
-    return directory / PAGE
-
-
-def _keep(console: Console, found: ExperimentReport, directory: Path, as_json: bool) -> None:
+def _write(console: Console, report: ExperimentReport, directory: Path, as_json: bool) -> None:
     """Write its table and its files, and print their paths."""
     from xitl_cli.experiment.setup import write_file
     from xitl_cli.extras import FIGURES
     from xitl_cli.plugins.studies.experiments.figures import write_figures
 
-    write_file(directory / TABLE, json.dumps(found.as_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    write_file(directory / TABLE, json.dumps(report.as_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     if not as_json:
-        _show(console, found)
-    if not found.figures:
+        _show(console, report)
+    if not report.figures:
         drawn = ""
     elif FIGURES.missing:
         drawn = ""
         say(console, f"No figures without {', '.join(FIGURES.missing)}: {FIGURES.pip_line}", "yellow")
     else:
-        drawn = ", ".join(path.name for path in write_figures(found, directory)) + ", "
+        drawn = ", ".join(path.name for path in write_figures(report, directory)) + ", "
     if not as_json:
-        console.print(f"{directory}: {drawn}{TABLE}{', and the runs' if found.runs else ''}", markup=False)
+        console.print(f"{directory}: {drawn}{TABLE}{', and the runs' if report.runs else ''}", markup=False)
 
 
-def _show(console: Console, found: ExperimentReport) -> None:
+def _show(console: Console, report: ExperimentReport) -> None:
     from xitl_cli.experiment.report import told_text
 
     console.print()
-    say(console, f"{found.section}: {found.title}", "bold")
-    for note in found.notes:
+    say(console, f"{report.section}: {report.title}", "bold")
+    for note in report.notes:
         say(console, note)
     console.print()
     rows = [
         [row.quantity, told_text(row.paper, row.unit), told_text(row.ours, row.unit), row.difference]
-        for row in found.rows
+        for row in report.rows
     ]
     show_rows(console, ("quantity", "paper", "ours", "difference"), rows, text=(0, 3))
     console.print()
-
-
-def _document(done: Sequence[ExperimentReport], refused: dict[str, str], page: Path | None, several: bool) -> str:
-    told: dict[str, Any] = {"page": None if page is None else str(page)}
-    if several:
-        told = {"experiments": [one.as_json() for one in done], "left_out": refused, **told}
-    else:
-        told = {**(done[0].as_json() if done else {}), **told}
-    return json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False)

@@ -36,6 +36,6 @@ def _add_vehicle(app: typer.Typer, name: str) -> None:
 
 PAPER = Command("Repeat the experiments of the paper.", _add_paper, group=True)
 VALIDATE = Command(
-    "Sail the standard manoeuvres with vessels and hold each figure against its reference.", _add_validate
+    "Sail the standard manoeuvres with vessels and compare each figure with its reference.", _add_validate
 )
-VEHICLE = Command("Look into the model of a vessel.", _add_vehicle, group=True)
+VEHICLE = Command("Check the model of a vessel.", _add_vehicle, group=True)

@@ -29,25 +29,25 @@ def validate(
         list[str] | None,
         typer.Argument(
             metavar="VEHICLE...",
-            help="Names or files of vehicles, or profiles with one; all shipped vehicles if none.",
+            help="Names or files of vehicles, or profiles with one (default: all shipped vehicles).",
             autocompletion=complete_vehicle,
         ),
     ] = None,
     report: Annotated[
-        bool, typer.Option("--report", help=f"Write a page with all plots and tables: {PAGE} right here, or see --out.")
+        bool, typer.Option("--report", help=f"Write a page with all plots and tables: {PAGE}, or see --out.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="HTML", help="Where the page goes; it replaces an earlier one.")
+        Path | None, typer.Option("--out", metavar="HTML", help="File of the page; an existing one is replaced.")
     ] = None,
     as_json: Json = False,
     open_it: OpenPage = False,
 ) -> None:
-    """Sail the standard manoeuvres with vessels and hold each figure against its reference.
+    """Sail the standard manoeuvres with vessels and compare each figure with its reference.
 
-    Turning circles, zig-zags, spiral, acceleration, crash stop, decays, responses to waves. A figure that nothing is
-    published of says so and counts for nothing. Each difference comes with whether it matters and which key to change.
+    Turning circles, zig-zags, spiral, acceleration, crash stop, decays, responses to waves. A figure without a
+    published reference does not count. For each difference, the command states its importance and the key to change.
 
-    Exit code: 0 all with a reference agree; 1 some differ; 2 something to put right.
+    Exit code: 0 all figures with a reference agree; 1 some differ; 2 an error.
     """
     from xitl_cli.commands.terminal import progress
     from xitl_cli.logs.report import html
@@ -65,40 +65,47 @@ def validate(
     loaded = [(name, vessel) for name in wanted for vessel in load_profile(name).one_a_vehicle]
     for name, profile in loaded:
         if profile.vehicle is None:
-            raise UserError(f"{name}: has no vehicle; name a file with a group `vehicle`")
-    with progress("loading") as told:
-        validations = _validated([profile for _, profile in loaded], told)
+            raise UserError(f"{name}: has no vehicle; use a file with a group `vehicle`")
+    with progress("loading") as tell:
+        validations = _validate_all([profile for _, profile in loaded], tell)
         if page is not None:
-            told("page")
+            tell("page")
             html.write_page(validation_page(validations), page)
     with quiet_pipe():
         if as_json:
             import json
 
-            document = {"vehicles": [_document(one) for one in validations]}
-            print(json.dumps(document, ensure_ascii=False, allow_nan=False))
+            vehicles = [
+                {
+                    "vehicle": validation.vehicle,
+                    "steered_by": validation.steered_by,
+                    "figures": [_figure(figure) for figure in validation.figures],
+                }
+                for validation in validations
+            ]
+            print(json.dumps({"vehicles": vehicles}, ensure_ascii=False, allow_nan=False))
         else:
             _show(validations, page)
     if page is not None and open_it:
         open_in_browser(page)
-    raise typer.Exit(1 if any(one.differing for one in validations) else 0)
+    raise typer.Exit(1 if any(validation.differing for validation in validations) else 0)
 
 
-def _validated(profiles: Sequence[Profile], told: Callable[[str], None]) -> list[VesselValidation]:
+def _validate_all(profiles: Sequence[Profile], tell: Callable[[str], None]) -> list[VesselValidation]:
     """Validate several vessels in parallel, one per processor. Raises UserError for a vessel that does not float."""
     if len(profiles) == 1 or (processors := os.cpu_count() or 1) == 1:
-        return [_one(profile, told) for profile in profiles]
+        return [_validate(profile, tell) for profile in profiles]
     from concurrent.futures import ProcessPoolExecutor, as_completed
     from multiprocessing import get_context
 
     with ProcessPoolExecutor(min(processors, len(profiles)), get_context("spawn")) as pool:
-        begun = [pool.submit(_one, profile) for profile in profiles]
-        for number, _ in enumerate(as_completed(begun), 1):
-            told(f"{number} of {len(profiles)} vessels done")
-        return [one.result() for one in begun]
+        futures = [pool.submit(_validate, profile) for profile in profiles]
+        for number, _ in enumerate(as_completed(futures), 1):
+            tell(f"{number} of {len(profiles)} vessels done")
+        return [future.result() for future in futures]
 
 
-def _one(profile: Profile, told: Callable[[str], None] = lambda _: None) -> VesselValidation:
+def _validate(profile: Profile, tell: Callable[[str], None] = lambda _: None) -> VesselValidation:
     from xitl_cli.plugins.studies.manoeuvres.validation import validate_vessel
 
     vehicle = profile.vehicle
@@ -106,22 +113,14 @@ def _one(profile: Profile, told: Callable[[str], None] = lambda _: None) -> Vess
     water = profile.environment.water if profile.environment else None
     try:
         return validate_vessel(
-            vehicle, vehicle.name, water, profile.autopilot, lambda text: told(f"{vehicle.name}: {text}")
+            vehicle, vehicle.name, water, profile.autopilot, lambda text: tell(f"{vehicle.name}: {text}")
         )
     except ValueError as error:
         raise UserError(f"{vehicle.name}: {error}") from None
 
 
-def _document(validation: VesselValidation) -> dict[str, Any]:
-    return {
-        "vehicle": validation.vehicle,
-        "steered_by": validation.steered_by,
-        "figures": [_figure(figure) for figure in validation.figures],
-    }
-
-
 def _figure(figure: ValidatedFigure) -> dict[str, Any]:
-    from xitl_cli.plugins.studies.manoeuvres.advice import advice
+    from xitl_cli.plugins.studies.manoeuvres.validation_page import advice
 
     reference = figure.reference
     return {
@@ -142,15 +141,11 @@ def _figure(figure: ValidatedFigure) -> dict[str, Any]:
 
 def _show(validations: Sequence[VesselValidation], page: Path | None) -> None:
     from xitl_cli.commands.terminal import say, show_facts, terminal
-    from xitl_cli.plugins.studies.manoeuvres.advice import advice
-    from xitl_cli.plugins.studies.manoeuvres.validation_page import NO_REFERENCE, counts
+    from xitl_cli.plugins.studies.manoeuvres.validation_page import NO_REFERENCE, advice, counts
 
     console = terminal()
-    sources = list(
-        dict.fromkeys(
-            figure.reference.source for one in validations for figure in one.figures if figure.reference is not None
-        )
-    )
+    references = (figure.reference for validation in validations for figure in validation.figures)
+    sources = list(dict.fromkeys(reference.source for reference in references if reference is not None))
     for validation in validations:
         say(console, f"{validation.vehicle}, steered by {validation.steered_by}", "bold")
         _show_figures(console, validation, sources)
@@ -158,13 +153,13 @@ def _show(validations: Sequence[VesselValidation], page: Path | None) -> None:
         verdict = f"{agree} agree with their reference, {differ} differ, {unknown} have {NO_REFERENCE}"
         say(console, verdict, "red" if differ else "green")
         if validation.differing:
-            show_facts(console, [(f"  {one.label}", advice(one), "yellow") for one in validation.differing])
+            show_facts(console, [(f"  {figure.label}", advice(figure), "yellow") for figure in validation.differing])
         console.print()
     say(console, "References", "bold")
     show_facts(console, [(f"  {number}", source) for number, source in enumerate(sources, 1)])
     if page is not None:
         console.print()
-        say(console, f"{page}: all plots; opens in any browser")
+        say(console, f"page with all plots: {page}")
 
 
 def _show_figures(console: Console, validation: VesselValidation, sources: Sequence[str]) -> None:

@@ -64,7 +64,7 @@ class LiveFoxgloveNode(RunNode):
         self._commands = commands
         self._gate: Gate | None = None
         self._title = title
-        self._wanted = port
+        self._requested_port = port
         self._tell = tell
         self._operator: OperatorNode | None = None
         self._context: Any = None
@@ -91,7 +91,7 @@ class LiveFoxgloveNode(RunNode):
         from foxglove.websocket import Capability
 
         self._context = foxglove.Context()
-        listener, address = listen(HOST, self._wanted, "live.host", "live.port", USUAL_PORT)
+        listener, address = listen(HOST, self._requested_port, "live.host", "live.port", USUAL_PORT)
         acting = [Capability.Parameters, Capability.Services, Capability.ClientPublish]
         inner = hidden_host()
         try:
@@ -253,12 +253,11 @@ class LiveFoxgloveNode(RunNode):
         try:
             keys = json.loads(request.payload or b"{}")
         except ValueError as error:
-            keys = None
             refusal: str | None = f"{name}: is not JSON ({error})"
-        if isinstance(keys, dict):
-            refusal = self.ask({"action": name, **keys})
-        elif keys is not None:
+        else:
             refusal = f"{name}: write its keys as a JSON object, such as {{}}"
+            if isinstance(keys, dict):
+                refusal = self.ask({"action": name, **keys})
         return json.dumps({"success": refusal is None, "message": refusal or ""}).encode()
 
     # Parameters

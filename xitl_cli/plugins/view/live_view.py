@@ -273,10 +273,10 @@ class LiveViewNode(RunNode):
         self._sent_bodies = 0
         self._sent_waves = plant.simulation.environment.waves
         self._next_s = 0.0
-        self._asked = False
-        self._looking = self._joined = self._shown = self._skipped = self._actions = self._refused = 0
+        self._requested = False
+        self._browsers = self._joined = self._shown = self._skipped = self._actions = self._refused = 0
         self._alone_since_s: float | None = None
-        self._led = self._unpaced = False
+        self._watched = self._unpaced = False
         self._rate: deque[tuple[float, int]] = deque(maxlen=20)
         self._address: ViewAddress | None = None
         self._page = SideProcess("xitl_cli.plugins.view.process", self._on_loss, END_S)
@@ -319,7 +319,7 @@ class LiveViewNode(RunNode):
         self._page.send(ViewStart(*own, operated, lockstep, faults, pace))
         if self._opened and lockstep:
             until_s = self._now_s() + FIRST_BROWSER_S
-            while not self._page.gone and not self._looking and self._now_s() < until_s and not self._interrupted():
+            while not self._page.gone and not self._browsers and self._now_s() < until_s and not self._interrupted():
                 self.poll()
                 time.sleep(0.02)
 
@@ -335,12 +335,12 @@ class LiveViewNode(RunNode):
         for message in self._page.receive():
             self._handle(message)
         self._set_pace(now_s)
-        if not self._looking:
+        if not self._browsers:
             return
-        if not self._asked or self._page.waiting_bytes > MOST_WAITING_BYTES:
+        if not self._requested or self._page.waiting_bytes > MOST_WAITING_BYTES:
             self._skipped += 1
             return
-        self._asked = False
+        self._requested = False
         self._shown += 1
         # Waiting launches are included, so that a paused run shows launches immediately
         debris = self._plant.debris_with(() if self._operator is None else self._operator.waiting_launches)
@@ -354,11 +354,11 @@ class LiveViewNode(RunNode):
 
     def _handle(self, message: Mapping[str, Any]) -> None:
         if "browsers" in message:
-            self._looking, self._joined = int(message["browsers"]), int(message["joined"])
-            if not self._looking:
-                self._asked = False
+            self._browsers, self._joined = int(message["browsers"]), int(message["joined"])
+            if not self._browsers:
+                self._requested = False
         elif "ask" in message:
-            self._asked = True
+            self._requested = True
         elif isinstance(action := message.get("action"), dict):
             self._actions += 1
             refusal = self._ask(action)
@@ -371,14 +371,14 @@ class LiveViewNode(RunNode):
 
     def _set_pace(self, now_s: float) -> None:
         """Request the profile's pace at the first browser, unless one is set. Restore it after the last browser."""
-        if self._looking:
+        if self._browsers:
             self._alone_since_s = None
-            if not self._led:
-                self._led = True
+            if not self._watched:
+                self._watched = True
                 if self._paceable and self._spec.pace is not None and self._pace.factor is None:
                     self._ask({"action": "pace", "factor": self._spec.pace})
                     self._unpaced = True
-        elif self._led:
+        elif self._watched:
             self._alone_since_s = self._alone_since_s or now_s
             if now_s - self._alone_since_s >= ALONE_S:
                 self._alone_since_s = None
@@ -388,7 +388,7 @@ class LiveViewNode(RunNode):
         """Remove the pace that the view set. A paused run stays paused, and a message explains how to resume it."""
         if self._unpaced:
             self._ask({"action": "pace", "factor": None})
-        self._led = self._unpaced = False
+        self._watched = self._unpaced = False
         if self._operator is not None and self._operator.paused and self._address is not None:
             self._tell(
                 f"the last browser has closed and the run stays paused: open {self._address.url} and resume it, "
@@ -442,7 +442,7 @@ class LiveViewNode(RunNode):
         return {number: BodyInstant(places[number], attitudes[number]) for number in range(len(debris.bodies))}
 
     def _on_loss(self, why: str) -> None:
-        self._looking = 0
+        self._browsers = 0
         self._ended = f"the 3D view has ended; the run continues without it{why}"
         if self._operator is not None and self._operator.paused_by == SOURCE:
             self._ask({"action": "resume"})  # the page that could do so is gone

@@ -33,7 +33,7 @@ from xitl_cli.plugins.view.scene import (
 )
 from xitl_cli.plugins.view.server import make_server
 
-LOOK_S = 0.25
+CHECK_S = 0.25
 """Period of the check for new browsers while there is nothing to draw."""
 FAREWELL_S = 1.0
 """Time for which an open page stays after the end of the run, so that it shows the end."""
@@ -92,7 +92,7 @@ class ViewProcess:
                         time.sleep(FAREWELL_S)
                     return
             self._report_browsers()
-            messages = self._pipe.receive(LOOK_S)
+            messages = self._pipe.receive(CHECK_S)
 
     def _report_browsers(self) -> None:
         """Report the number of browsers to the run. With at least one, request the next instant."""

@@ -277,7 +277,10 @@ def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
         raise LogError("no log; name a .bin, a .tlog or an .mcap")
     with ExitStack() as opened:
         logs = [log for path in dict.fromkeys(paths) for log in _open_vessels(path, vessel, opened)]
-        recordings = {log.path: _recording(log, opened) for log in logs}
+        recordings: dict[Path, _Recording] = {}
+        for log in logs:  # several of them for a recording of several vessels
+            if log.path not in recordings:
+                recordings[log.path] = _recording(log, opened)
         lead = next((log for log in logs if recordings[log.path].drawn), logs[0])
         logs.sort(key=lambda log: log.path != lead.path)
         notes: list[str] = []
@@ -307,14 +310,16 @@ def scene_of(recording: LogScene | Sequence[Path]) -> Iterator[LogScene]:
 
 def _open_vessels(path: Path, vessel: str | None, opened: ExitStack) -> Iterator[Log]:
     """Yield the log. For a recording of several vessels, yield one log per vessel."""
-    log = opened.enter_context(open_log(path))
-    if not log.vessels:
-        if vessel and log.base == "simulation":
-            open_log(path, vessel)  # which refuses it
-        yield log
+    log = open_log(path)
+    if log.vessels:
+        log.close()
+        for name in (vessel,) if vessel else log.vessels:
+            yield opened.enter_context(open_log(path, name))
         return
-    for name in (vessel,) if vessel else log.vessels:
-        yield opened.enter_context(open_log(path, name))
+    opened.enter_context(log)
+    if vessel and log.base == "simulation":
+        open_log(path, vessel)  # which refuses it
+    yield log
 
 
 def _recording(log: Log, opened: ExitStack) -> _Recording:
@@ -443,7 +448,8 @@ def _surroundings(
     others: dict[str, PoseTrack] = {}
     if len(recordings) == 1 or lead.log.vessels:
         for name in scene.vessels.keys() - {vessel.log.vessel for vessel in placed if vessel.log.path == lead.log.path}:
-            pose = _scripted(recording.raw, name, lead.seconds)
+            table = recording.raw.tables.get(f"/{vessel_name('truth/state', name)}")  # of a vessel without an autopilot
+            pose = None if table is None else _poses(table, np.arange(len(table)), lead.seconds)
             if name and pose is not None:
                 others[name] = pose
                 vessels[name] = scene.vessels[name]
@@ -483,12 +489,6 @@ def _plain_water(poses: Sequence[PoseTrack]) -> SceneWater:
     east, north = ((low + high) / 2)[:2].tolist()
     wide, long = (high - low + 2 * _MARGIN_M)[:2].tolist()
     return SceneWater(0.0, (east, north), (wide, long))
-
-
-def _scripted(raw: Log, name: str, seconds: Seconds) -> PoseTrack | None:
-    """Return the poses of a fleet's vessel without an autopilot."""
-    table = raw.tables.get(f"/{vessel_name('truth/state', name)}")
-    return None if table is None else _poses(table, np.arange(len(table)), seconds)
 
 
 def _poses(table: Table, rows: NDArray[np.intp], seconds: Seconds) -> PoseTrack | None:

@@ -45,6 +45,8 @@ NUMBERS = (
 )
 """Labels in the order of display. Other labels follow."""
 View = Literal["behind", "beside", "above", "all"]
+MOST_REPLAY_BYTES = 12_000_000
+"""Maximum size of a replay on the page of a report."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,10 +219,6 @@ def _with_overlay(html: str, data: dict[str, Any], dark: bool) -> str:
     )
     end = html.rindex("</body>")
     return html[:end] + overlay + html[end:]
-
-
-MOST_REPLAY_BYTES = 12_000_000
-"""Maximum size of a replay on the page of a report."""
 
 
 def report_replay(report: Report, vessel: str | None) -> Replay:

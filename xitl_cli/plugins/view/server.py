@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import viser
 
 USUAL_PORT = 8470
-TRIED = 50
+PORTS_TRIED = 50
 TOKEN_BYTES = 18
 SHORT_PX = 480
 CLIENTS_KEPT = 64
@@ -86,9 +86,9 @@ def listen(
     """
     token = secrets.token_urlsafe(TOKEN_BYTES)
     first = (USUAL_PORT if usual is None else usual) if port is None else port
-    for tried in range(first, first + (TRIED if port is None else 1)):
+    for candidate in range(first, first + (PORTS_TRIED if port is None else 1)):
         try:
-            listener = _bound(host, tried)
+            listener = _bound(host, candidate)
         except OSError as error:
             if error.errno in (errno.EADDRINUSE, errno.EACCES) and port is None:
                 continue
@@ -98,11 +98,13 @@ def listen(
                 ) from error
             reason = error.strerror or str(error)
             raise UserError(
-                f"{host_key} = {host}: cannot listen there at port {tried} ({reason}); "
+                f"{host_key} = {host}: cannot listen there at port {candidate} ({reason}); "
                 "use an address of this machine, such as 127.0.0.1"
             ) from error
-        return listener, ViewAddress(host, tried, token, first if tried != first else None)
-    raise UserError(f"no port from {first} to {first + TRIED - 1} is free for the view; choose one with {port_key}")
+        return listener, ViewAddress(host, candidate, token, first if candidate != first else None)
+    raise UserError(
+        f"no port from {first} to {first + PORTS_TRIED - 1} is free for the view; choose one with {port_key}"
+    )
 
 
 def _bound(host: str, port: int) -> socket.socket:

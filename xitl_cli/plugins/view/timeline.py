@@ -222,13 +222,13 @@ class RecordingPage:
         last_s = time.monotonic()
         while not ended.is_set():
             began_s = time.monotonic()
-            looked_at = bool(self._server.get_clients())
-            time_s = self.clock.advance(began_s - last_s if looked_at else 0.0)
+            watched = bool(self._server.get_clients())
+            time_s = self.clock.advance(began_s - last_s if watched else 0.0)
             last_s = began_s
-            if looked_at:
+            if watched:
                 self._draw(time_s, began_s)
             spent_s = time.monotonic() - began_s
-            ended.wait(max(1.0 / FRAMES_HZ - spent_s, 0.005) if looked_at else IDLE_S)
+            ended.wait(max(1.0 / FRAMES_HZ - spent_s, 0.005) if watched else IDLE_S)
 
     def _draw(self, time_s: float, now_s: float) -> None:
         if time_s != self._shown_s:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 from agent.bridges.kinds import NEEDED_LINK, NO_LINK, BridgeError, bridge_kind
@@ -14,7 +14,7 @@ from agent.mavlink.modes import PX4_MODES
 from agent.mavlink.parameter_rows import ParameterError
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks.link import made_for_the_run, problem_of_link, problem_of_url
-from xitl_cli.profile.files.entry import KeyPath, shown
+from xitl_cli.profile.files.entry import KeyPath, finding, shown
 from xitl_cli.profile.files.parameter_files import find_parameter_file, read_parameter_file
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import (
@@ -25,6 +25,7 @@ from xitl_cli.profile.schema.agents import (
     AutopilotSpec,
     BridgeSpec,
     CompanionSpec,
+    MissionSpec,
 )
 from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.signing import read_key_file
@@ -38,9 +39,9 @@ USUAL_PORTS = {"mavlink": "5760", "world": "9002", "sensor_link": "that of its S
 PX4_PORTS = {"mavlink": PX4_MAVLINK_PORT, "sensor_link": PX4_SIMULATOR_PORT, "world": "none"}
 FAST = ("udp", "tcp")
 _EMBEDDED_ONLY = {
-    "controller": "steers by itself",
-    "signing_key_file": "signs by its own settings",
-    "standby": "has no second one here",
+    "controller": "has its own controller",
+    "signing_key_file": "has its own settings for signing",
+    "standby": "cannot have a standby",
 }
 
 
@@ -58,97 +59,99 @@ def _autopilot(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     yield from _ground_stations(profile.autopilot)
     yield from _extras(profile.autopilot)
     yield from _standby(profile, profile.autopilot)
-    if profile.autopilot.kind not in ("none", "embedded"):
-        return
     for number, name in enumerate(profile.autopilot.parameter_files):
-        path = ("autopilot", "parameter_files", number)
         try:
-            if profile.autopilot.kind == "embedded":
-                read_parameter_file(name, embedded=True)
-            else:
+            if profile.autopilot.kind == "none":
                 find_parameter_file(name)
+            else:
+                read_parameter_file(name, embedded=profile.autopilot.kind == "embedded")
         except UserError as error:
-            yield path, f"autopilot.parameter_files.{number}: {error}"
+            yield ("autopilot", "parameter_files", number), f"autopilot.parameter_files.{number}: {error}"
     if profile.autopilot.kind == "embedded":
-        waypoints = (
-            0 if profile.mission is None else max(len(profile.mission.waypoints_ned_m), len(profile.mission.items))
-        )
+        yield from _embedded(profile.autopilot, profile.mission)
+
+
+def _embedded(autopilot: AutopilotSpec, mission: MissionSpec | None) -> Iterator[tuple[KeyPath, str]]:
+    """Yield missions and parameters that the embedded autopilot refuses."""
+    if mission is not None:
+        waypoints = max(len(mission.waypoints_ned_m), len(mission.items))
         if waypoints >= MOST_ITEMS:
-            yield (
-                ("mission", "waypoints_ned_m"),
-                f"mission.waypoints_ned_m = a list of {waypoints} is too long for the embedded autopilot, which keeps "
-                f"{MOST_ITEMS} items with home, as ArduRover does on a board; give at most {MOST_ITEMS - 1}",
+            yield finding(
+                "mission.waypoints_ned_m",
+                f"= a list of {waypoints} is too long for the embedded autopilot, which stores {MOST_ITEMS} items "
+                f"including home, like ArduRover on a board; use at most {MOST_ITEMS - 1}",
             )
-        yield from _mission_items(profile)
-        for name, value in profile.autopilot.parameters.items():
-            try:
-                checked(name, value)
-            except ParameterError as error:
-                yield ("autopilot", "parameters", name), f"autopilot.parameters: {error}"
-
-
-def _mission_items(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Yield items that the embedded autopilot refuses."""
-    if profile.mission is None:
-        return
-    for number, item in enumerate(profile.mission.items):
-        if item.command not in COMMANDS:
+        for number, item in enumerate(mission.items):
+            if item.command not in COMMANDS:
+                yield (
+                    ("mission", "items", number, "command"),
+                    f"mission.items.{number}: the embedded autopilot does not support command {item.command}; "
+                    "remove the item",
+                )
+        if mission.rally:
             yield (
-                ("mission", "items", number, "command"),
-                f"mission.items.{number}: command {item.command} is none that the embedded autopilot takes; "
-                "remove the item",
+                ("mission", "rally"),
+                "mission.rally: the embedded autopilot does not support rally points; write mission.rally: [], or use "
+                "autopilot.kind: ardupilot",
             )
-    if profile.mission.rally:
-        yield (
-            ("mission", "rally"),
-            "mission.rally: the embedded autopilot keeps no rally points; write mission.rally: [], or use "
-            "autopilot.kind: ardupilot",
-        )
+    for name, value in autopilot.parameters.items():
+        try:
+            checked(name, value)
+        except ParameterError as error:
+            yield ("autopilot", "parameters", name), f"autopilot.parameters: {error}"
 
 
 def _ground_stations(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     if autopilot.ground_stations and autopilot.kind != "none" and autopilot.runs == "board":
-        yield (
-            ("autopilot", "ground_stations"),
-            "autopilot.ground_stations cannot be given to a board from here; "
-            "start the agent there with --gcs, once for each address",
+        yield finding(
+            "autopilot.ground_stations",
+            "cannot be given to a board from here; start the agent there with --gcs, once for each address",
         )
         return
-    for number, sentence in _url_problems(autopilot.ground_stations or ()):
-        yield ("autopilot", "ground_stations", number), sentence
-    yield from _ground_station_interface(autopilot)
-
-
-def _ground_station_interface(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
-    interface, sentence = autopilot.ground_station_interface, None
+    # Addresses: each must be valid, and none may occur twice.
+    seen: dict[tuple[str, ...], int] = {}
+    for number, url in enumerate(autopilot.ground_stations or ()):
+        match, problem = _URL.fullmatch(url), None
+        if match is None:
+            problem = "is not an address; write udp://host:port to send there, or tcp://host:port to listen there"
+        elif not 0 < int(match[3]) < 65536:
+            problem = "has an invalid port; use a port from 1 to 65535"
+        else:
+            # Two listeners on one TCP port conflict, whatever their addresses.
+            same = ("tcp", match[3]) if match[1] == "tcp" else (match[1], match[2].lower(), str(int(match[3])))
+            first = seen.setdefault(same, number)
+            if first != number:
+                problem = f"is the same as number {first}; remove one of them"
+        if problem is not None:
+            key = f"autopilot.ground_stations.{number} = {shown(url)}"
+            yield ("autopilot", "ground_stations", number), f"{key} {problem}"
+    # Network interface of the default address.
+    interface, problem = autopilot.ground_station_interface, None
     if interface == LOOPBACK or autopilot.kind == "none":
         return
     if not _INTERFACE.fullmatch(interface):
-        sentence = "is no address and no interface; write 0.0.0.0 for every network, or a name such as eth0"
+        problem = "is neither an address nor an interface; write 0.0.0.0 for every network, or a name such as eth0"
     elif autopilot.runs == "board":
-        sentence = "cannot be given to a board from here; start the agent there with --gcs tcp://0.0.0.0:5760"
+        problem = "cannot be given to a board from here; start the agent there with --gcs tcp://0.0.0.0:5760"
     elif autopilot.ground_stations is not None:
-        sentence = "goes with the usual addresses; write it into autopilot.ground_stations, as tcp://0.0.0.0:5760"
-    if sentence is not None:
-        yield (
-            ("autopilot", "ground_station_interface"),
-            f"autopilot.ground_station_interface = {shown(interface)} {sentence}",
+        problem = (
+            "applies to the default addresses only; write it into autopilot.ground_stations, as tcp://0.0.0.0:5760"
         )
+    if problem is not None:
+        yield finding("autopilot.ground_station_interface", f"= {shown(interface)} {problem}")
 
 
 def _extras(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
-    options = {"controller": "--controller", "signing_key_file": "--signing-key"}
-    for key, option in options.items():
+    for key, option in (("controller", "--controller"), ("signing_key_file", "--signing-key")):
         if getattr(autopilot, key) is not None and autopilot.kind != "none" and autopilot.runs == "board":
             yield (
                 ("autopilot", key),
                 f"autopilot.{key} cannot be given to a board from here; start the agent there with {option}",
             )
     if autopilot.controller is not None and not _CLASS.fullmatch(autopilot.controller):
-        yield (
-            ("autopilot", "controller"),
-            f"autopilot.controller = {shown(autopilot.controller)} is not a class; "
-            "write package.module:Class or path/to/file.py:Class",
+        yield finding(
+            "autopilot.controller",
+            f"= {shown(autopilot.controller)} is not a class; write package.module:Class or path/to/file.py:Class",
         )
     for key in ("signing_key_file", "link_key_file"):
         file = getattr(autopilot, key)
@@ -165,16 +168,16 @@ def _standby(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPa
         return
     path: KeyPath = ("autopilot", "standby")
     if profile.clock is not None and profile.clock.mode == "lockstep":
-        yield (
-            path,
-            "autopilot.standby has nothing to do in lockstep, where time stands still for an agent that is silent; "
-            "use clock.mode: realtime, or leave the standby out",
+        yield finding(
+            "autopilot.standby",
+            "has no effect in lockstep, because simulation time waits for a silent agent; "
+            "use clock.mode: realtime, or remove the standby",
         )
     if profile.driver is not None and profile.driver.kind == "ground-station":
-        yield (
-            path,
-            "autopilot.standby would not get the mission that a ground station gives to the first agent; "
-            "use driver.kind: mission, or leave the standby out",
+        yield finding(
+            "autopilot.standby",
+            "would not get the mission that a ground station gives to the first agent; "
+            "use driver.kind: mission, or remove the standby",
         )
     if standby.runs != "in-process":
         if standby.link is None:
@@ -183,7 +186,7 @@ def _standby(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPa
         elif standby.link == autopilot.link and not made_for_the_run(standby.link):
             yield (
                 (*path, "link"),
-                f"autopilot.standby.link = {shown(standby.link)} is that of the first agent; give each its own",
+                f"autopilot.standby.link = {shown(standby.link)} is also the link of the first agent; use two links",
             )
 
 
@@ -193,12 +196,16 @@ def _bridge(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     if autopilot is None:
         return
     if autopilot.kind in ("none", "embedded"):
-        yield from _of_another(autopilot)
+        for key in ("firmware", "firmware_build", "firmware_arguments", "moored_until_armed", "bridge"):
+            if getattr(autopilot, key) != getattr(AutopilotSpec(), key):
+                yield finding(
+                    f"autopilot.{key}",
+                    f"does not apply to autopilot.kind = {autopilot.kind}; remove it, or use kind: ardupilot",
+                )
         return
-    for key, why in _EMBEDDED_ONLY.items():
+    for key, reason in _EMBEDDED_ONLY.items():
         if getattr(autopilot, key) is not None:
-            yield ("autopilot", key), f"autopilot.{key}: {autopilot.kind} {why}; leave it out, or use kind: embedded"
-    yield from _parameter_files(autopilot)
+            yield ("autopilot", key), f"autopilot.{key}: {autopilot.kind} {reason}; remove it, or use kind: embedded"
     yield from _firmware(profile, autopilot)
     yield from _ways_in(profile, autopilot, autopilot.bridge)
     yield from _px4(profile, autopilot, autopilot.bridge)
@@ -207,38 +214,20 @@ def _bridge(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     yield from _moored(profile, autopilot)
 
 
-def _of_another(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
-    for key in ("firmware", "firmware_build", "firmware_arguments", "moored_until_armed", "bridge"):
-        if getattr(autopilot, key) != getattr(AutopilotSpec(), key):
-            yield (
-                ("autopilot", key),
-                f"autopilot.{key} is for another autopilot than autopilot.kind = {autopilot.kind}; "
-                "leave it out, or use kind: ardupilot",
-            )
-
-
-def _parameter_files(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
-    for number, name in enumerate(autopilot.parameter_files):
-        try:
-            read_parameter_file(name)
-        except UserError as error:
-            yield ("autopilot", "parameter_files", number), f"autopilot.parameter_files.{number}: {error}"
-
-
 def _firmware(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     path: KeyPath = ("autopilot", "firmware")
     if not autopilot.started_here:
         if autopilot.ground_stations and autopilot.runs != "board":
-            yield (
-                ("autopilot", "ground_stations"),
-                "autopilot.ground_stations are given to an autopilot at its start, and this one is started elsewhere; "
-                "connect the ground station there, or use autopilot.firmware: find",
+            yield finding(
+                "autopilot.ground_stations",
+                "apply only to an autopilot that is started here; connect the ground station to the other "
+                "autopilot directly, or use autopilot.firmware: find",
             )
         if autopilot.firmware_arguments:
-            yield (
-                ("autopilot", "firmware_arguments"),
-                "autopilot.firmware_arguments are given to an autopilot at its start, and this one is started "
-                "elsewhere; give them there, or use autopilot.firmware: find",
+            yield finding(
+                "autopilot.firmware_arguments",
+                "apply only to an autopilot that is started here; set them where you start it, or use "
+                "autopilot.firmware: find",
             )
         return
     key = f"autopilot.firmware = {shown(autopilot.firmware)}"
@@ -248,68 +237,68 @@ def _firmware(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyP
     if autopilot.kind == "px4":
         yield from _started_px4(profile, autopilot, key)
     if autopilot.runs == "board":
-        yield path, f"{key} runs on this machine, and the bridge on a board; use external, or runs: in-process"
+        yield path, f"{key} runs on this machine, but the bridge runs on a board; use external, or runs: in-process"
     if autopilot.firmware_build == "linux" and autopilot.bridge.world is not None:
-        yield (
-            ("autopilot", "bridge", "world"),
-            "autopilot.bridge.world is for a SITL build, and firmware_build = linux runs on a real clock; "
-            "leave it out and give bridge.sensors",
+        yield finding(
+            "autopilot.bridge.world",
+            "is for a SITL build, but firmware_build = linux runs on a real clock; remove it and set bridge.sensors",
         )
     if autopilot.firmware_build == "linux" and autopilot.bridge.sensors == "vectornav":
-        yield (
-            ("autopilot", "bridge", "sensors"),
-            "autopilot.bridge.sensors = 'vectornav' is not heard by ArduPilot's Linux builds, whose driver empties the "
-            "line before it reads; use microstrain7",
+        yield finding(
+            "autopilot.bridge.sensors",
+            "= 'vectornav' does not work with ArduPilot's Linux builds, because their driver discards the input "
+            "before it reads; use microstrain7",
         )
     if len(ground_stations_of(profile)) > MOST_GROUND_STATIONS:
         yield (
             ("autopilot", "ground_stations"),
-            f"autopilot.ground_stations: there is room for {MOST_GROUND_STATIONS} at an autopilot started here, on its "
-            "ports SERIAL1 and SERIAL2; drop the others",
+            f"autopilot.ground_stations: an autopilot that is started here can have {MOST_GROUND_STATIONS}, on its "
+            "ports SERIAL1 and SERIAL2; remove the others",
         )
 
 
 def _ways_in(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
     lockstep = profile.clock is not None and profile.clock.mode == "lockstep"
-    world: KeyPath = ("autopilot", "bridge", "world")
-    sensors: KeyPath = ("autopilot", "bridge", "sensors")
-    link: KeyPath = ("autopilot", "bridge", "sensor_link")
     try:
         kind = bridge_kind(bridge.sensors) if bridge.sensors else None
     except BridgeError as error:
-        yield sensors, f"autopilot.bridge.sensors: {error}"
+        yield ("autopilot", "bridge", "sensors"), f"autopilot.bridge.sensors: {error}"
         return
     sets_time = kind is not None and kind.sets_time
     if bridge.world is not None and not lockstep:
-        yield world, "autopilot.bridge.world sets the autopilot's time; use clock.mode: lockstep, or leave it out"
+        yield finding("autopilot.bridge.world", "sets the autopilot's time; use clock.mode: lockstep, or remove it")
     if bridge.world is None and lockstep and autopilot.kind != "px4" and not sets_time:
-        yield (
-            ("clock", "mode"),
-            "clock.mode = lockstep needs autopilot.bridge.world, which sets the autopilot's time; add one such as "
+        yield finding(
+            "clock.mode",
+            "= lockstep needs autopilot.bridge.world, which sets the autopilot's time; add one such as "
             "udp://127.0.0.1:9002, or use clock.mode: realtime",
         )
     if bridge.world is None and bridge.sensors is None and not lockstep:
-        yield (
-            sensors,
-            "autopilot.bridge.sensors is missing: nothing gets in without a world; use for instance vectornav",
+        yield finding(
+            "autopilot.bridge.sensors",
+            "is missing: without a world it has no sensors; use for example vectornav",
         )
     if bridge.world is not None and sets_time and autopilot.kind != "px4":
-        yield world, f"autopilot.bridge.world: {bridge.sensors} sets the autopilot's time itself; leave it out"
-    if autopilot.kind == "px4" if kind is None else autopilot.kind not in kind.autopilots:
-        fits = "use px4" if kind is None else f"it goes with {' and '.join(kind.autopilots)}"
         yield (
-            sensors,
-            f"autopilot.bridge.sensors = {shown(bridge.sensors)} does not go with autopilot.kind = {autopilot.kind}; "
-            f"{fits}",
+            ("autopilot", "bridge", "world"),
+            f"autopilot.bridge.world: {bridge.sensors} sets the autopilot's time itself; remove it",
+        )
+    if autopilot.kind == "px4" if kind is None else autopilot.kind not in kind.autopilots:
+        fix = "use px4" if kind is None else f"use it with {' or '.join(kind.autopilots)}"
+        yield finding(
+            "autopilot.bridge.sensors",
+            f"= {shown(bridge.sensors)} does not work with autopilot.kind = {autopilot.kind}; {fix}",
         )
     if kind is not None and kind.sensor_link == NEEDED_LINK and bridge.sensor_link is None:
-        yield (
-            link,
-            f"autopilot.bridge.sensor_link is missing: {bridge.sensors} has a line of its own; add the port of the "
+        yield finding(
+            "autopilot.bridge.sensor_link",
+            f"is missing: {bridge.sensors} needs a separate line; add the port of the "
             "autopilot, such as serial:///dev/ttyUSB0?baud=921600 or tcp://127.0.0.1:5763",
         )
     if bridge.sensor_link is not None and (kind is None or kind.sensor_link == NO_LINK):
-        yield link, f"autopilot.bridge.sensor_link leads nowhere with sensors = {shown(bridge.sensors)}; leave it out"
+        yield finding(
+            "autopilot.bridge.sensor_link", f"has no effect with sensors = {shown(bridge.sensors)}; remove it"
+        )
 
 
 def _px4(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
@@ -319,18 +308,15 @@ def _px4(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> Iter
         if step.mode is not None and step.mode not in PX4_MODES:
             yield (
                 ("driver", "script", number, "mode"),
-                f"driver.script.{number}.mode = {step.mode} is none of PX4's; use {', '.join(PX4_MODES)}",
+                f"driver.script.{number}.mode = {step.mode} is not a mode of PX4; use {', '.join(PX4_MODES)}",
             )
     if bridge.world is not None:
-        yield (
-            ("autopilot", "bridge", "world"),
-            "autopilot.bridge.world is ArduPilot's JSON interface, which PX4 does not have; leave it out",
-        )
+        yield finding("autopilot.bridge.world", "is ArduPilot's JSON interface, which PX4 does not have; remove it")
     if bridge.sensor_link is None and profile.clock is not None and profile.clock.mode == "lockstep":
-        yield (
-            ("autopilot", "bridge", "sensor_link"),
-            "autopilot.bridge.sensor_link is missing: in lockstep PX4 calls at a line of its own; add "
-            "tcp://127.0.0.1:4560, or use clock.mode: realtime for a board",
+        yield finding(
+            "autopilot.bridge.sensor_link",
+            "is missing: in lockstep PX4 connects to its simulator by a separate line; add tcp://127.0.0.1:4560, or "
+            "use clock.mode: realtime for a board",
         )
 
 
@@ -338,23 +324,23 @@ def _started_px4(profile: Profile, autopilot: AutopilotSpec, key: str) -> Iterat
     bridge = autopilot.bridge
     path: KeyPath = ("autopilot", "firmware")
     if autopilot.firmware_build != "sitl" or bridge.sensor_link is None:
-        yield path, f"{key} starts a PX4 in software, and this one is on a board; use external"
+        yield path, f"{key} starts a PX4 in software, but these settings are for a PX4 on a board; use external"
     if autopilot.ground_stations:
         yield (
             ("autopilot", "ground_stations"),
-            "autopilot.ground_stations: a PX4 that is started here sends to UDP 14550 of this machine; leave it out",
+            "autopilot.ground_stations: a PX4 that is started here sends to UDP 14550 of this machine; remove the key",
         )
     port = _port_of(bridge.sensor_link)
     if port and not 0 <= port - PX4_SIMULATOR_PORT < MOST_PX4_INSTANCES:
-        yield (
-            ("autopilot", "bridge", "sensor_link"),
-            f"autopilot.bridge.sensor_link = {shown(bridge.sensor_link)}: a PX4 that is started here calls at "
-            f"{PX4_SIMULATOR_PORT} and the number of its instance; use tcp://127.0.0.1:0 for one that is free",
+        yield finding(
+            "autopilot.bridge.sensor_link",
+            f"= {shown(bridge.sensor_link)}: a PX4 that is started here connects to port "
+            f"{PX4_SIMULATOR_PORT} plus the number of its instance; use tcp://127.0.0.1:0 for a free port",
         )
     if _port_of(bridge.mavlink):
-        yield (
-            ("autopilot", "bridge", "mavlink"),
-            f"autopilot.bridge.mavlink = {shown(bridge.mavlink)}: a PX4 that is started here has the port of its "
+        yield finding(
+            "autopilot.bridge.mavlink",
+            f"= {shown(bridge.mavlink)}: a PX4 that is started here uses the port of its "
             "instance; use udp://127.0.0.1:0",
         )
 
@@ -373,29 +359,29 @@ def _urls(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
         url = getattr(autopilot.bridge, key)
         if url is None:
             continue
-        path, said = ("autopilot", "bridge", key), f"autopilot.bridge.{key} = {shown(url)}"
         free = started and url.startswith(("udp://", "tcp://")) and url.endswith(":0")
         problem = None if free else problem_of_url(url)
         if not started and url.endswith(":0"):
             usual = PX4_PORTS[key] if autopilot.kind == "px4" else USUAL_PORTS[key]
-            problem = f"has no port, and the autopilot is started elsewhere; its usual one is {usual}"
+            problem = f"has no port, and the autopilot is started elsewhere; use its port, usually {usual}"
         if problem is None and started and urlsplit(url).scheme not in _schemes(autopilot, key):
-            problem = f"is none that an autopilot started here has; use {_schemes(autopilot, key)[0]}://127.0.0.1:0"
+            scheme = _schemes(autopilot, key)[0]
+            problem = f"does not work with an autopilot that is started here; use {scheme}://127.0.0.1:0"
         if problem is None and key == "world" and urlsplit(url).scheme != "udp":
-            problem = "is not UDP, which the JSON interface speaks; write udp://127.0.0.1:9002"
+            problem = "is not UDP, but the JSON interface needs UDP; write udp://127.0.0.1:9002"
         elsewhere = urlsplit(url).scheme != "serial" and urlsplit(url).hostname not in LOCAL_HOSTS
         if problem is None and started and elsewhere:
-            problem = "is on another machine, and the autopilot is started on this one; use 127.0.0.1"
+            problem = "is on another machine, but the autopilot is started on this one; use 127.0.0.1"
         if problem is not None:
-            yield path, f"{said} {problem}"
+            yield finding(f"autopilot.bridge.{key}", f"= {shown(url)} {problem}")
     mavlink, sensor_link = autopilot.bridge.mavlink, autopilot.bridge.sensor_link
     if sensor_link is None or mavlink.endswith(":0"):
         return
     if mavlink.partition("?")[0] == sensor_link.partition("?")[0]:
-        yield (
-            ("autopilot", "bridge", "sensor_link"),
-            f"autopilot.bridge.sensor_link = {shown(sensor_link)} is that of its MAVLink; give another port of the "
-            "autopilot, or use sensors: hil for one line alone",
+        yield finding(
+            "autopilot.bridge.sensor_link",
+            f"= {shown(sensor_link)} is also the URL of its MAVLink; use another port of the "
+            "autopilot, or use sensors: hil for a single line",
         )
 
 
@@ -413,15 +399,17 @@ def _outputs(profile: Profile, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, st
     if profile.vehicle is None:
         return
     needed = profile.vehicle.commands
-    path: KeyPath = ("autopilot", "bridge", "outputs")
     if len(bridge.outputs) != needed:
-        yield (
-            path,
-            f"autopilot.bridge.outputs = {shown(bridge.outputs)} does not fit a vessel with "
-            f"{profile.vehicle.command_kinds}; give {needed} channels, one for each",
+        yield finding(
+            "autopilot.bridge.outputs",
+            f"= {shown(bridge.outputs)} does not fit a vessel with "
+            f"{profile.vehicle.command_kinds}; use {needed} channels, one per command",
         )
     if len(set(bridge.outputs)) != len(bridge.outputs):
-        yield path, f"autopilot.bridge.outputs = {shown(bridge.outputs)} has a channel twice; give each command its own"
+        yield finding(
+            "autopilot.bridge.outputs",
+            f"= {shown(bridge.outputs)} has a channel twice; use a separate channel for each command",
+        )
 
 
 def _moored(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
@@ -429,10 +417,10 @@ def _moored(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPat
     if not autopilot.moored_until_armed or driver is None:
         return
     if driver.kind == "none" or (driver.kind == "script" and not any(step.arm for step in driver.script)):
-        yield (
-            ("autopilot", "moored_until_armed"),
-            f"autopilot.moored_until_armed would hold the vessel for ever, since driver.kind = {driver.kind} never "
-            "arms it; use false, or a driver that arms",
+        yield finding(
+            "autopilot.moored_until_armed",
+            f"would hold the vessel for ever, because driver.kind = {driver.kind} never arms it; use false, or another "
+            "driver",
         )
 
 
@@ -444,17 +432,21 @@ def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     if profile.autopilot is not None and profile.autopilot.kind == "none":
         yield (
             ("companion",),
-            "companion: there is no autopilot for it to hear and to give orders to; "
-            "use autopilot.kind = embedded, or leave it out",
+            "companion: needs an autopilot to command; use autopilot.kind = embedded, or remove the companion",
         )
+    sensors = profile.sensors
     if not companion.is_ours:
-        yield from _nodes_of_ros(profile)
+        if sensors is not None and sensors.lidar is None and sensors.sonar is None:
+            yield finding(
+                "companion.kind",
+                "= ros: its nodes have neither lidar nor sonar; extend sensors/perception, or use driver.kind: ros",
+            )
         return
     if profile.autopilot is not None and profile.autopilot.kind == "px4" and companion.parameters.get("AVD_ENABLE", 1):
         yield (
             ("companion", "parameters"),
-            "companion: it steers around obstacles by ArduPilot's GUIDED, which PX4 does not have; with "
-            "companion.parameters.AVD_ENABLE=0 it maps and tracks them",
+            "companion: it avoids obstacles with ArduPilot's GUIDED, which PX4 does not have; set "
+            "companion.parameters.AVD_ENABLE=0, and it only maps and tracks them",
         )
     yield from _companion_link(profile, companion)
     for name, value in companion.parameters.items():
@@ -462,16 +454,6 @@ def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             checked_parameter(name, value)
         except ParameterError as error:
             yield ("companion", "parameters", name), f"companion.parameters: {error}"
-
-
-def _nodes_of_ros(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    sensors = profile.sensors
-    if sensors is not None and sensors.lidar is None and sensors.sonar is None:
-        yield (
-            ("companion", "kind"),
-            "companion.kind = ros: its nodes have neither lidar nor sonar to see by; extend sensors/perception, or use "
-            "driver.kind: ros",
-        )
 
 
 def _companion_link(profile: Profile, companion: CompanionSpec) -> Iterator[tuple[KeyPath, str]]:
@@ -494,25 +476,6 @@ def _companion_link(profile: Profile, companion: CompanionSpec) -> Iterator[tupl
         and profile.autopilot.link == link
         and not made_for_the_run(link)
     ):
-        problem = "is the autopilot's too; give each a port of its own"
+        problem = "is also the link of the autopilot; use different ports"
     if problem is not None:
         yield path, f"companion.link = {shown(link)} {problem}"
-
-
-def _url_problems(urls: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield (index, sentence) of each invalid or duplicate URL."""
-    seen: dict[tuple[str, ...], int] = {}
-    for number, url in enumerate(urls):
-        key = f"autopilot.ground_stations.{number} = {shown(url)}"
-        match = _URL.fullmatch(url)
-        if match is None:
-            yield number, f"{key} is not an address; write udp://host:port (sent to) or tcp://host:port (listened at)"
-            continue
-        if not 0 < int(match[3]) < 65536:
-            yield number, f"{key} has no such port; use a port from 1 to 65535"
-            continue
-        # Two listeners on one TCP port conflict, whatever their addresses.
-        same = ("tcp", match[3]) if match[1] == "tcp" else (match[1], match[2].lower(), str(int(match[3])))
-        if same in seen:
-            yield number, f"{key} is there twice, first as number {seen[same]}; drop one"
-        seen.setdefault(same, number)

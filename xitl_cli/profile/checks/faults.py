@@ -32,21 +32,17 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """Yield faults that do nothing, end before they begin, or need parts that the run lacks."""
     for name, fault in (profile.faults or {}).items():
         path: KeyPath = ("faults", name)
-        yield from _times(path, fault)
+        if fault.until_s is not None and fault.until_s <= fault.from_s:
+            yield (
+                (*path, "until_s"),
+                f"{dotted(path)}.until_s = {fault.until_s:g} is not after from_s ({fault.from_s:g}); "
+                "use a later end, or null for the end of the run",
+            )
         groups = [(group, value) for group in FAULT_GROUPS if (value := getattr(fault, group)) is not None]
         if not groups:
             yield path, f"{dotted(path)} does nothing; give it {', '.join(FAULT_GROUPS[:-1])} or {FAULT_GROUPS[-1]}"
         for group, value in groups:
             yield from _group(profile, (*path, group), fault, value)
-
-
-def _times(path: KeyPath, fault: FaultSpec) -> Iterator[tuple[KeyPath, str]]:
-    if fault.until_s is not None and fault.until_s <= fault.from_s:
-        yield (
-            (*path, "until_s"),
-            f"{dotted(path)}.until_s = {fault.until_s:g} is not after from_s ({fault.from_s:g}); "
-            "use a later end, or null for the end of the run",
-        )
 
 
 def _group(profile: Profile, path: KeyPath, fault: FaultSpec, value: Group) -> Iterator[tuple[KeyPath, str]]:
@@ -59,39 +55,64 @@ def _group(profile: Profile, path: KeyPath, fault: FaultSpec, value: Group) -> I
         yield path, f"{key} does nothing; give it {', '.join(keys[:-1])} or {keys[-1]}"
     if isinstance(value, _PHYSICAL):
         yield from _shortest(profile, path, fault)
-        yield from _recorded(profile, path)
+        if profile.sensors is not None and profile.sensors.recorded is not None:
+            # The recorded samples come from another vessel, which has no such fault.
+            yield (
+                path,
+                f"{key} has no effect on the sensors, because they replay a recording (sensors.recorded); "
+                "remove the fault, or sensors.recorded",
+            )
         yield from _vessel(profile, path, value)
         return
-    if profile.autopilot is not None and profile.autopilot.kind == "none":
+    autopilot = profile.autopilot
+    if autopilot is not None and autopilot.kind == "none":
         yield (
             path,
-            f"{key} has nothing to act on: without an autopilot there is neither a link nor a sensor; "
-            "use autopilot.kind: embedded, or drop the fault",
+            f"{key} has no effect: without an autopilot there is neither a link nor a sensor; "
+            "use autopilot.kind: embedded, or remove the fault",
         )
         return
-    yield from _own_simulation(profile, path)
+    # With a world alone, ArduPilot gets only the motion and our IMU.
+    other = autopilot is not None and autopilot.kind != "embedded" and path[-1] in OWN_SIMULATION
+    if other and autopilot.bridge.world is not None and autopilot.bridge.sensors is None:
+        yield (
+            path,
+            f"{key} has no effect, because this autopilot simulates its own {path[-1]} from the true motion; "
+            "use autopilot.bridge.sensors, as in sitl-ardupilot-ahrs, or remove the fault",
+        )
     if isinstance(value, AgentFault) and fault.until_s is not None:
         for name in set_keys:
             if name in CLOCK_KEYS:
                 yield (
                     (*path, name),
-                    f"{key}.{name} has no end, since a clock that ran ahead does not go back; "
-                    f"drop until_s of {dotted(path[:-1])}",
+                    f"{key}.{name} cannot end, because a clock that ran ahead does not go back; "
+                    f"remove until_s of {dotted(path[:-1])}",
                 )
     if isinstance(value, (LinkFault, AgentFault)):
         yield from _shortest(profile, path, fault)
-        yield from _mode(profile, path, value, set_keys)
-        yield from _standby(profile, path, value)
-
-
-def _recorded(profile: Profile, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:
-    """Yield a sensor fault with recorded samples: they come from another vessel, which has no such fault."""
-    if profile.sensors is not None and profile.sensors.recorded is not None:
-        yield (
-            path,
-            f"{dotted(path)} reaches nobody: the sensors replay a recording (sensors.recorded), whatever this vessel "
-            "does; drop the fault, or sensors.recorded",
-        )
+        # In lockstep no time passes while agent and messages are busy.
+        runs = profile.clock is not None or not profile.missing_for_run()
+        if runs and (profile.clock or ClockSpec()).mode == "lockstep":
+            timed = ("delay_s", "jitter_s") if isinstance(value, LinkFault) else ("cpu_load", *CLOCK_KEYS)
+            for name in set_keys:
+                if name in timed:
+                    yield (
+                        (*path, name),
+                        f"{key}.{name} has no effect in lockstep, because simulation time waits for the agent; "
+                        "use clock.mode: realtime, or remove it",
+                    )
+        if value.which == "standby" and autopilot is not None and autopilot.standby is None:
+            yield (
+                (*path, "which"),
+                f"{key}.which = standby names an agent that this profile does not have; "
+                "add autopilot.standby, or use which: agent",
+            )
+        if value.which == "companion" and profile.companion is None:
+            yield (
+                (*path, "which"),
+                f"{key}.which = companion names a computer that this profile does not have; "
+                "add a companion, or use which: agent",
+            )
 
 
 def _vessel(
@@ -106,15 +127,15 @@ def _vessel(
         if model.actuator_named(value.which) not in names:
             yield (
                 (*path, "which"),
-                f"{dotted(path)}.which = {value.which!r} names no propeller of {model.name}; use {', '.join(names)}",
+                f"{dotted(path)}.which = {value.which!r} is not a propeller of {model.name}; use {', '.join(names)}",
             )
     elif isinstance(value, RudderFault):
         yield from _rudder(model, path, value)
     elif model.battery is None:
         yield (
             path,
-            f"{dotted(path)} has nothing to act on: vehicle.battery of {model.name} is not given; "
-            "give its cells, voltages and currents, or drop the fault",
+            f"{dotted(path)} has no effect, because {model.name} has no vehicle.battery; "
+            "add it with cells, voltages and currents, or remove the fault",
         )
     elif value.failed_cells > model.battery.cells:
         yield (
@@ -129,13 +150,13 @@ def _rudder(model: VesselSpec, path: KeyPath, value: RudderFault) -> Iterator[tu
     if not names:
         yield (
             path,
-            f"{dotted(path)} has nothing to act on: {model.name} has neither a rudder nor a steering gear; "
+            f"{dotted(path)} has no effect, because {model.name} has neither a rudder nor a steering gear; "
             "use propeller.stuck, or a vehicle with rudders",
         )
     elif value.which is not None and value.which not in names:
         yield (
             (*path, "which"),
-            f"{dotted(path)}.which = {value.which!r} names no rudder or gear of {model.name}; use {', '.join(names)}",
+            f"{dotted(path)}.which = {value.which!r} is not a rudder or gear of {model.name}; use {', '.join(names)}",
         )
     elif value.jam_angle_deg is not None:
         most_deg = model.full_angle_deg(value.which or names[0])
@@ -147,19 +168,6 @@ def _rudder(model: VesselSpec, path: KeyPath, value: RudderFault) -> Iterator[tu
             )
 
 
-def _own_simulation(profile: Profile, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:
-    """Yield a fault of a sensor that ArduPilot simulates: with a world alone it gets only the motion and our IMU."""
-    autopilot, sensor = profile.autopilot, path[-1]
-    if autopilot is None or autopilot.kind == "embedded" or sensor not in OWN_SIMULATION:
-        return
-    if autopilot.bridge.world is not None and autopilot.bridge.sensors is None:
-        yield (
-            path,
-            f"{dotted(path)} reaches nobody: this autopilot simulates its own {sensor} from the true motion; "
-            "use autopilot.bridge.sensors, such as in sitl-ardupilot-ahrs, or drop it",
-        )
-
-
 def _shortest(profile: Profile, path: KeyPath, fault: FaultSpec) -> Iterator[tuple[KeyPath, str]]:
     """Yield a fault that ends between two exchanges. Only sensor faults act between exchanges."""
     period_s = 1.0 / (profile.clock or ClockSpec()).exchange_rate_hz
@@ -167,39 +175,6 @@ def _shortest(profile: Profile, path: KeyPath, fault: FaultSpec) -> Iterator[tup
         name = dotted(path[:-1])
         yield (
             (*path[:-1], "until_s"),
-            f"{name}.until_s = {fault.until_s:g} ends it before it acts: {dotted(path)} is put in force at exchanges, "
-            f"every {period_s:g} s (clock.exchange_rate_hz); use {fault.from_s + period_s:g} or later",
-        )
-
-
-def _mode(
-    profile: Profile, path: KeyPath, value: LinkFault | AgentFault, set_keys: list[str]
-) -> Iterator[tuple[KeyPath, str]]:
-    """Yield timed faults in lockstep, in which no time passes while agent and messages are busy."""
-    if profile.clock is None and profile.missing_for_run():
-        return
-    if (profile.clock or ClockSpec()).mode != "lockstep":
-        return
-    timed = ("delay_s", "jitter_s") if isinstance(value, LinkFault) else ("cpu_load", *CLOCK_KEYS)
-    for name in set_keys:
-        if name in timed:
-            yield (
-                (*path, name),
-                f"{dotted(path)}.{name} means nothing in lockstep, where time stands still on the way; "
-                "use clock.mode: realtime, or drop it",
-            )
-
-
-def _standby(profile: Profile, path: KeyPath, value: LinkFault | AgentFault) -> Iterator[tuple[KeyPath, str]]:
-    if value.which == "standby" and profile.autopilot is not None and profile.autopilot.standby is None:
-        yield (
-            (*path, "which"),
-            f"{dotted(path)}.which = standby names an agent that this profile does not have; "
-            "add autopilot.standby, or use which: agent",
-        )
-    if value.which == "companion" and profile.companion is None:
-        yield (
-            (*path, "which"),
-            f"{dotted(path)}.which = companion names a computer that this profile does not have; "
-            "add a companion, or use which: agent",
+            f"{name}.until_s = {fault.until_s:g} ends the fault before it acts: {dotted(path)} takes effect at "
+            f"exchanges, every {period_s:g} s (clock.exchange_rate_hz); use {fault.from_s + period_s:g} or later",
         )

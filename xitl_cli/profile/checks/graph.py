@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.catalogue import find_profile
-from xitl_cli.profile.files.entry import KeyPath, dotted, shown
+from xitl_cli.profile.files.entry import KeyPath, dotted, finding, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.graph import COMPLETE, MEANINGS, architecture, is_node_name
 
@@ -24,10 +24,8 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         elif node.kind is None:
             yield path, f"{dotted(path)} needs 'kind'; add it"
         elif node.kind == "absent" and node.weight:
-            yield (
-                (*path, "weight"),
-                f"{dotted(path)}.weight = {node.weight:g} is given to an absent node; make its kind real or virtual",
-            )
+            sentence = f"{dotted(path)}.weight = {node.weight:g} is for an absent node; use kind: real or virtual"
+            yield (*path, "weight"), sentence
     for name, others in profile.graph.links.items():
         path = ("graph", "links", name)
         yield from _link_end(profile, name, path, dotted(path))
@@ -38,13 +36,12 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         try:
             find_profile(reference)
         except (UserError, ValueError, OSError) as error:
-            yield ("graph", "reference"), f"graph.reference = {shown(reference)}: {error}"
+            yield finding("graph.reference", f"= {shown(reference)}: {error}")
     weighty = sum(node.kind != "absent" and node.weight != 0 for node in nodes.values())
     vertices = profile.graph.vertices
     if isinstance(vertices, int) and vertices < weighty:
-        yield (
-            ("graph", "vertices"),
-            f"graph.vertices = {vertices} is fewer than the {weighty} nodes present; use {weighty} or more",
+        yield finding(
+            "graph.vertices", f"= {vertices} is fewer than the {weighty} nodes present; use {weighty} or more"
         )
 
 
@@ -56,8 +53,8 @@ def _link_end(profile: Profile, name: str, path: KeyPath, where: str) -> Iterato
     elif node is None or node.kind == "absent":
         yield (
             path,
-            f"{where} is an absent node; drop the link, or give graph.nodes.{name} a kind: real or virtual "
-            "(and weight: 0 where only its links count)",
+            f"{where} is an absent node; remove the link, or set graph.nodes.{name}.kind to real or virtual "
+            "(with weight: 0 if only its links count)",
         )
 
 

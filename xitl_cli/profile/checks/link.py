@@ -11,7 +11,7 @@ from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import BITS_PER_BYTE, device_and_baud
 from agent.wire.transport import SCHEMES, BadUrlError
 from agent.wire.urls import host_port
-from xitl_cli.profile.files.entry import KeyPath, dotted, shown
+from xitl_cli.profile.files.entry import KeyPath, dotted, finding, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import AutopilotSpec
 from xitl_cli.profile.schema.profile import ClockSpec
@@ -32,10 +32,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         return
     if autopilot.link is None and autopilot.kind != "none" and autopilot.runs != "in-process":
         example = "udp://192.168.7.2:14660" if autopilot.runs == "board" else "udp://127.0.0.1:14660"
-        yield (
-            ("autopilot", "link"),
-            f"autopilot.link is missing with autopilot.runs = {autopilot.runs}; add one such as {example}",
-        )
+        yield finding("autopilot.link", f"is missing with autopilot.runs = {autopilot.runs}; add one such as {example}")
     yield from _link(profile, autopilot, ("autopilot", "link"), autopilot.link, autopilot.runs)
     if autopilot.standby is not None:
         standby = autopilot.standby
@@ -64,24 +61,26 @@ def problem_of_link(link: str, key: str, runs: str) -> str | None:
 
 
 def made_for_the_run(link: str) -> bool:
-    """Whether each agent gets its own line by this link: a pseudo terminal or a free port."""
+    """Return True if each agent gets its own line by this link: a pseudo terminal or a free port."""
     return "/pty" in link or link.endswith(":0")
 
 
 def problem_of_url(link: str) -> str | None:
     """Return the end of a sentence that begins with key and value, or None for a usable link."""
-    scheme, found, _ = link.partition("://")
-    if not found or scheme not in SCHEMES:
-        return f"is not a link; write {_EXAMPLES['udp']}" + (
-            "" if not found else "".join(f", {example}" for name, example in _EXAMPLES.items() if name != "udp")
-        )
+    scheme, separator, _ = link.partition("://")
+    if not separator or scheme not in SCHEMES:
+        return f"is not a link; write {', '.join(_EXAMPLES.values()) if separator else _EXAMPLES['udp']}"
     try:
         url = urlsplit(link)
         if scheme in ("udp", "tcp"):
-            if _has_no_port(url):
-                return "has no such port; use a port from 1 to 65535"
+            try:
+                invalid_port = url.port == 0
+            except ValueError:
+                invalid_port = url.netloc.rpartition(":")[2].isdigit()
+            if invalid_port:
+                return "has an invalid port; use a port from 1 to 65535"
             if any(letter.isspace() for letter in link):
-                return f"has a space in it; write {_EXAMPLES[scheme]}"
+                return f"contains a space; write {_EXAMPLES[scheme]}"
             host_port(url, listen=False)
         elif scheme == "serial":
             device_and_baud(_without_pty(url))
@@ -94,14 +93,6 @@ def problem_of_url(link: str) -> str | None:
     return None
 
 
-def _has_no_port(url: SplitResult) -> bool:
-    """Whether the port is a number that is no valid port."""
-    try:
-        return url.port == 0
-    except ValueError:
-        return url.netloc.rpartition(":")[2].isdigit()
-
-
 def _without_pty(url: SplitResult) -> SplitResult:
     """Replace `serial://pty`, a device that the run creates, by a path."""
     return url._replace(netloc="", path="/pty") if url.netloc == "pty" and not url.path else url
@@ -112,11 +103,11 @@ def misplaced(url: SplitResult, key: str, runs: str) -> str | None:
     made_here = url.netloc == "pty" or (url.netloc == "slcan" and url.path == "/pty")
     if made_here and runs == "board":
         example = _EXAMPLES[url.scheme]
-        return f"is a line within this machine, which no board is at; use {key} = process, or write {example}"
+        return f"is a line within this machine, but the agent runs on a board; use {key} = process, or write {example}"
     if runs != "process" or made_here:
         return None
     if url.scheme == "serial":
-        return f"has its other end elsewhere; use {key} = board, or serial://pty?baud=921600 for a try here"
+        return f"leads to another machine; use {key} = board, or serial://pty?baud=921600 for a test here"
     if url.scheme == "can" and url.netloc == "virtual":
         return "ends within one process; write can://slcan/pty?bitrate=1000000"
     return None
@@ -137,26 +128,23 @@ def _too_much(profile: Profile, autopilot: AutopilotSpec, url: SplitResult) -> s
     if url.scheme == "serial":
         _, baud = device_and_baud(_without_pty(url))
         return _too_much_for_baud(load, baud, lower)
-    return _too_much_for_bus(load, _agents_on(autopilot, url), read_can_settings(url, listen=False).line, lower)
-
-
-def _agents_on(autopilot: AutopilotSpec, bus: SplitResult) -> int:
-    """Return the number of agents on the bus. The standby may share the bus of the first agent."""
+    # The standby may share the bus of the first agent.
     links = [autopilot.link, None if autopilot.standby is None else autopilot.standby.link]
-    there = [urlsplit(link) for link in links if link is not None]
-    return sum((url.scheme, url.netloc, url.path) == (bus.scheme, bus.netloc, bus.path) for url in there)
+    urls = [urlsplit(link) for link in links if link is not None]
+    agents = sum((other.scheme, other.netloc, other.path) == (url.scheme, url.netloc, url.path) for other in urls)
+    return _too_much_for_bus(load, agents, read_can_settings(url, listen=False).line, lower)
 
 
 def _too_much_for_baud(load: Load, baud: int, lower: Callable[[Callable[[Load], float]], str]) -> str | None:
     if load.serial_share(baud) <= MOST_SHARE:
         return None
     to_agent, to_host = bytes_per_s(load.to_agent), bytes_per_s(load.to_host)
-    flows, way, wanted = (load.to_agent, "to", to_agent) if to_agent >= to_host else (load.to_host, "from", to_host)
+    flows, way, needed = (load.to_agent, "to", to_agent) if to_agent >= to_host else (load.to_host, "from", to_host)
     faster = next((rate for rate in BAUDS if load.serial_share(rate) <= MOST_SHARE), None)
-    remedies = [lower(lambda one: one.serial_share(baud)), "" if faster is None else f"use baud={faster} or more"]
+    remedies = [lower(lambda load: load.serial_share(baud)), "" if faster is None else f"use baud={faster} or more"]
     return (
-        f"carries {baud / 10:.0f} bytes/s each way, of which {MOST_SHARE:.0%} can be planned with "
-        f"({MOST_SHARE * baud / 10:.0f}); what goes {way} the agent is {wanted:.0f} bytes/s "
+        f"carries {baud / 10:.0f} bytes/s each way, of which {MOST_SHARE:.0%} are usable "
+        f"({MOST_SHARE * baud / 10:.0f}); the data {way} the agent need {needed:.0f} bytes/s "
         f"({', '.join(map(str, flows))}); {_remedy(remedies)}"
     )
 
@@ -167,23 +155,19 @@ def _too_much_for_bus(
     load = one_agent.times(agents)
     if load.can_share(line) <= MOST_SHARE:
         return None
-    wanted = bytes_per_s((*load.to_agent, *load.to_host))
-    there = wanted / load.can_share(line)
+    needed = bytes_per_s((*load.to_agent, *load.to_host))
+    capacity = needed / load.can_share(line)
     faster = next((bus for bus in BUSES if bus.fd >= line.fd and load.can_share(bus) <= MOST_SHARE), None)
-    remedies = [
-        lower(lambda one: one.times(agents).can_share(line)),
-        "" if faster is None else f"use {_rates(faster)}",
-    ]
+    remedies = [lower(lambda load: load.times(agents).can_share(line))]
+    if faster is not None:
+        fd = f"&fd=true&data_bitrate={faster.data_bitrate}" if faster.fd else ""
+        remedies.append(f"use bitrate={faster.bitrate}{fd}")
     return (
-        f"carries {there:.0f} bytes/s of such frames both ways together, of which {MOST_SHARE:.0%} can be planned with "
-        f"({MOST_SHARE * there:.0f}); wanted are {wanted:.0f} bytes/s "
+        f"carries {capacity:.0f} bytes/s of such frames both ways together, of which {MOST_SHARE:.0%} are usable "
+        f"({MOST_SHARE * capacity:.0f}); the data need {needed:.0f} bytes/s "
         f"{'' if agents == 1 else f'for {agents} agents '}"
         f"({', '.join(map(str, (*load.to_agent, *load.to_host)))}); {_remedy(remedies)}"
     )
-
-
-def _rates(line: CanLine) -> str:
-    return f"bitrate={line.bitrate}" + (f"&fd=true&data_bitrate={line.data_bitrate}" if line.fd else "")
 
 
 def _remedy(remedies: list[str]) -> str:
@@ -217,7 +201,7 @@ _SENSORS = {"imu": "XITL_IMU", "gnss": "XITL_GNSS", "magnetometer": "XITL_MAGNET
 class Flow:
     """Frames of one kind in one direction."""
 
-    what: str
+    name: str
     rate_hz: float
     frame_bytes: int
 
@@ -226,7 +210,7 @@ class Flow:
         return self.rate_hz * self.frame_bytes
 
     def __str__(self) -> str:
-        return f"{self.what} {self.rate_hz:g} Hz × {self.frame_bytes} = {self.bytes_per_s:.0f}"
+        return f"{self.name} {self.rate_hz:g} Hz × {self.frame_bytes} = {self.bytes_per_s:.0f}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,15 +258,15 @@ def load_of(sensors: SensorsSpec, signed: bool = False, imu_rate_hz: float | Non
     sizes["XITL_ACTUATORS"] -= EXTENSION_BYTES  # zeros at the end are not sent: up to eight commands need none of it
     extra = OVERHEAD_BYTES + (SIGNATURE_BYTES if signed else 0)
 
-    def flow(what: str, message: str, rate_hz: float) -> Flow:
-        return Flow(what, rate_hz, sizes[message] + extra)
+    def flow(name: str, message: str, rate_hz: float) -> Flow:
+        return Flow(name, rate_hz, sizes[message] + extra)
 
     def rate_hz(sensor: str) -> float:
         own: float = getattr(sensors, sensor).rate_hz
         return imu_rate_hz if sensor == "imu" and imu_rate_hz is not None else own
 
     telemetry = [flow("", dialect.mavlink_map[number].msgname, rate) for number, rate in RATES_HZ.items()]
-    telemetry_rate_hz = sum(one.rate_hz for one in telemetry)
+    telemetry_rate_hz = sum(message.rate_hz for message in telemetry)
     mean_bytes = round(bytes_per_s(telemetry) / telemetry_rate_hz)
     return Load(
         to_agent=(

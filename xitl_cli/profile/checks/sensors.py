@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from xitl_cli.profile.checks.link import problem_of_url
-from xitl_cli.profile.files.entry import KeyPath, dotted, shown
+from xitl_cli.profile.files.entry import KeyPath, dotted, finding, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.profile.schema.sensors import sampled_sensors
@@ -22,13 +22,19 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         return
     autopilot, sonar = profile.autopilot, profile.sensors.sonar
     if profile.sensors.wind_vane is not None and autopilot is not None and autopilot.bridge.world is None:
-        yield (
-            ("sensors", "wind_vane"),
-            "sensors.wind_vane reaches nobody: the wind goes to an autopilot whose world is served; "
-            "leave it out, or use autopilot.bridge.world",
+        yield finding(
+            "sensors.wind_vane",
+            "has no effect: only an autopilot with autopilot.bridge.world gets the wind; add that, or remove the vane",
         )
-    if sonar is not None and sonar.serve is not None and (problem := _problem_of_serve(sonar.serve)) is not None:
-        yield ("sensors", "sonar", "serve"), f"sensors.sonar.serve = {shown(sonar.serve)} {problem}"
+    if sonar is not None and sonar.serve is not None:
+        scheme, _, rest = sonar.serve.partition("://")
+        problem = None
+        if scheme in ("tcp", "can"):
+            problem = f"is not a line that a Ping360 has; {_SERVE}"
+        elif scheme != "serial" or not (rest == "pty" or rest.startswith("pty/")):
+            problem = problem_of_url(sonar.serve)
+        if problem is not None:
+            yield finding("sensors.sonar.serve", f"= {shown(sonar.serve)} {problem}")
 
 
 def _rate_problems(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
@@ -36,14 +42,25 @@ def _rate_problems(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     physics_hz = (profile.clock or ClockSpec()).physics_rate_hz
     step_ns = _NS / physics_hz
     if not _is_whole(step_ns):
-        below, above = _step_rates(physics_hz)
-        yield (
-            ("clock", "physics_rate_hz"),
-            f"clock.physics_rate_hz = {physics_hz:g} has a step of {step_ns:.10g} ns, which is not a whole number; "
+        whole = sorted(2**i * 5**j for i in range(10) for j in range(10))
+        below = max((rate for rate in whole if rate < physics_hz), default=None)
+        above = min((rate for rate in whole if rate > physics_hz), default=None)
+        yield finding(
+            "clock.physics_rate_hz",
+            f"= {physics_hz:g} has a step of {step_ns:.10g} ns, which is not a whole number; "
             f"use {_one_of(below, above)}",
         )
         return
-    for path, rate_hz in _rates(profile):
+    rates: list[tuple[KeyPath, float]] = []
+    if profile.sensors is not None:
+        rates += [((*path, "rate_hz"), sensor.rate_hz) for path, sensor in sampled_sensors(profile.sensors)]
+        if profile.sensors.lidar is not None:
+            rates.append((("sensors", "lidar", "rate_hz"), profile.sensors.lidar.rate_hz))
+    if profile.clock is not None:
+        rates.append((("clock", "exchange_rate_hz"), profile.clock.exchange_rate_hz))
+    if profile.recording is not None:
+        rates.append((("recording", "truth_rate_hz"), profile.recording.truth_rate_hz))
+    for path, rate_hz in rates:
         if _is_whole(physics_hz / rate_hz):
             continue
         key = f"{dotted(path)} = {rate_hz:g}"
@@ -63,37 +80,9 @@ def divisors_around(rate_hz: float, physics_hz: float) -> tuple[float | None, fl
     return physics_hz / math.ceil(steps), physics_hz / math.floor(steps)
 
 
-def _rates(profile: Profile) -> Iterator[tuple[KeyPath, float]]:
-    if profile.sensors is not None:
-        for path, sensor in sampled_sensors(profile.sensors):
-            yield (*path, "rate_hz"), sensor.rate_hz
-        if profile.sensors.lidar is not None:
-            yield ("sensors", "lidar", "rate_hz"), profile.sensors.lidar.rate_hz
-    if profile.clock is not None:
-        yield ("clock", "exchange_rate_hz"), profile.clock.exchange_rate_hz
-    if profile.recording is not None:
-        yield ("recording", "truth_rate_hz"), profile.recording.truth_rate_hz
-
-
-def _step_rates(physics_hz: float) -> tuple[float | None, float | None]:
-    whole = sorted(2**i * 5**j for i in range(10) for j in range(10))
-    below = [rate for rate in whole if rate < physics_hz]
-    above = [rate for rate in whole if rate > physics_hz]
-    return (below[-1] if below else None), (above[0] if above else None)
-
-
 def _is_whole(number: float) -> bool:
     return number >= 0.5 and abs(number - round(number)) <= 1e-9 * number
 
 
 def _one_of(below: float | None, above: float | None) -> str:
     return " or ".join(f"{rate:g}" for rate in (below, above) if rate is not None)
-
-
-def _problem_of_serve(url: str) -> str | None:
-    scheme, _, rest = url.partition("://")
-    if scheme == "serial" and (rest == "pty" or rest.startswith("pty/")):
-        return None
-    if scheme in ("tcp", "can"):
-        return f"is no line that a Ping360 has; {_SERVE}"
-    return problem_of_url(url)

@@ -10,7 +10,7 @@ from sim_core.keys import MESH_FORMATS, SpecificationError
 from sim_core.vessel.actuators import ActuatorError
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.checks.link import problem_of_url
-from xitl_cli.profile.files.entry import KeyPath, shown
+from xitl_cli.profile.files.entry import KeyPath, finding, shown
 from xitl_cli.profile.schema import Profile
 
 SHORT_STEP_S = 1e-6  # short enough for any vessel
@@ -19,7 +19,7 @@ SHORT_STEP_S = 1e-6  # short enough for any vessel
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """Yield a vessel that sinks, capsizes or is too stiff, missing files, and an invalid address."""
     if profile.vehicle is not None:
-        yield from _unfit(profile.vehicle, profile)
+        yield from _afloat(profile.vehicle, profile)
     yield from _short_table(profile)
     if profile.world is None:
         return
@@ -32,12 +32,12 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     if (control := profile.world.debris.control) is not None:
         problem = problem_of_url(control)
         if problem is None and not control.startswith("udp://"):
-            problem = "is heard by UDP alone; write it like udp://127.0.0.1:14670"
+            problem = "is not UDP; write it like udp://127.0.0.1:14670"
         if problem is not None:
-            yield ("world", "debris", "control"), f"world.debris.control = {shown(control)} {problem}"
+            yield finding("world.debris.control", f"= {shown(control)} {problem}")
 
 
-def _unfit(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+def _afloat(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """Yield why the vessel does not float upright in still water, or moves too fast for the steps."""
     from sim_core.vessel.vessel import Vessel
 
@@ -50,7 +50,7 @@ def _unfit(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str
     except ActuatorError as error:
         yield ("vehicle", "actuators", error.name), f"{error}; correct its package"
     except ValueError as error:
-        yield ("clock", "physics_rate_hz"), f"clock.physics_rate_hz = {rate_hz:g}: {error}"
+        yield finding("clock.physics_rate_hz", f"= {rate_hz:g}: {error}")
 
 
 def _short_table(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
@@ -66,11 +66,11 @@ def _short_table(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     first_s, last_s = min(0.0, -lag_s), clock.duration_s + max(0.0, -lag_s)
     table = ("environment", "water", "tide", "table")
     if span_s[0] > first_s:
-        yield table, f"{'.'.join(table)} begins at {span_s[0]:g} s, and the run needs it from {first_s:g} s; add rows"
+        yield table, f"{'.'.join(table)} begins at {span_s[0]:g} s, but the run needs it from {first_s:g} s; add rows"
     if span_s[1] < last_s:
         yield (
             table,
-            f"{'.'.join(table)} ends at {span_s[1]:g} s, and the run needs it to {last_s:g} s; add rows, or use a "
+            f"{'.'.join(table)} ends at {span_s[1]:g} s, but the run needs it to {last_s:g} s; add rows, or use a "
             "smaller clock.duration_s",
         )
 

@@ -65,10 +65,11 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
     path = (beside or Path()) / Path(name).expanduser()
     if name.endswith(SUFFIXES):
         if not _is_file(path):
-            there = "is no regular file" if os.path.exists(path) else "does not exist"  # noqa: PTH110 - never raises
-            what = "is a folder" if os.path.isdir(path) else there  # noqa: PTH112 - never raises
+            problem = "does not exist"
+            if os.path.exists(path):  # noqa: PTH110 - never raises
+                problem = "is a folder" if os.path.isdir(path) else "is not a regular file"  # noqa: PTH112 - never raises
             raise UserError(
-                f"{shown_path(path)} {what}; check the path, or name a shipped profile (`xitl profiles list`)"
+                f"{shown_path(path)} {problem}; check the path, or name a shipped profile (`xitl profiles list`)"
             )
         return path
     for root in _roots():
@@ -79,12 +80,17 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
     if len(same) == 1:
         return shipped[same[0]]
     if same:
-        raise UserError(f"{name!r} names {len(same)} profiles; write {' or '.join(same)}")
+        raise UserError(f"{name!r} matches {len(same)} profiles; write {' or '.join(same)}")
     if _is_file(path):
         return path
     if _is_file(path / PROFILE):
         return path / PROFILE
-    raise UserError(f"there is no profile {name!r};{_suggestion(name, shipped)} `xitl profiles list` shows all")
+    last_parts = {full.rsplit("/", 1)[-1]: full for full in shipped}
+    close = difflib.get_close_matches(name, shipped, n=2)
+    close += [last_parts[part] for part in difflib.get_close_matches(name.rsplit("/", 1)[-1], last_parts, n=2)]
+    close = list(dict.fromkeys(close))[:3]
+    hint = f" did you mean {' or '.join(map(repr, close))}?" if close else ""
+    raise UserError(f"there is no profile {name!r};{hint} `xitl profiles list` shows all")
 
 
 def profile_name(path: Path) -> str:
@@ -111,11 +117,3 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):  # not a valid file name: too long, or with a null byte
         return False
-
-
-def _suggestion(name: str, shipped: dict[str, Path]) -> str:
-    last_parts = {full.rsplit("/", 1)[-1]: full for full in shipped}
-    close = difflib.get_close_matches(name, shipped, n=2)
-    close += [last_parts[part] for part in difflib.get_close_matches(name.rsplit("/", 1)[-1], last_parts, n=2)]
-    close = list(dict.fromkeys(close))[:3]
-    return f" did you mean {' or '.join(repr(match) for match in close)}?" if close else ""

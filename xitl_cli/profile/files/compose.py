@@ -13,7 +13,7 @@ from sim_core.keys import required_keys
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.catalogue import find_profile, profile_name, shown_path
-from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, dotted, merge, shown
+from xitl_cli.profile.files.entry import Entry, Origin, dotted, merge, profile_error, shown
 from xitl_cli.profile.files.yaml_file import parse_yaml, read_yaml
 
 OWN_KEYS = ("name", "description")  # describe one profile; not inherited
@@ -53,7 +53,19 @@ def compose(path: Path) -> Entry:
 def override(profile: Entry, overrides: Iterable[str]) -> Entry:
     """Return `profile` with each `KEY.PATH=VALUE` applied. VALUE is YAML; a number in the path is a list index."""
     for text in overrides:
-        profile = _with_override(profile, text)
+        key, equals, value_text = text.partition("=")
+        origin = Origin(f"--set {key.strip()}")
+        keys = [part.strip() for part in key.split(".")]
+        if not equals or not all(keys):
+            raise UserError(
+                f"--set {shown(text)} is not KEY=VALUE; write for example --set environment.wind.mean_mps=8"
+            )
+        if keys[0] == "extends":
+            raise profile_error(
+                origin, "extends cannot be set from the command line; write a profile file that extends both"
+            )
+        value = parse_yaml(value_text, str(origin), first_line=None) or Entry(None, origin)
+        profile = _placed(profile, keys, 0, value)
     return profile
 
 
@@ -61,16 +73,20 @@ def lay_on(profile: Entry, part: Path) -> Entry:
     """Return `profile` with the part in the file at `part` laid on it, as if a file extended both."""
     laid = _composed(part, ())
     assert isinstance(laid.value, dict)
-    return laid_on(profile, Entry({key: one for key, one in laid.value.items() if key not in OWN_KEYS}, laid.origin))
+    return laid_on(
+        profile, Entry({key: value for key, value in laid.value.items() if key not in OWN_KEYS}, laid.origin)
+    )
 
 
 def place(profile: Entry, key: str, value: Entry) -> Entry:
     """Return `profile` with a value merged in at a dotted key; a number in it is a list index."""
     keys = [part.strip() for part in key.split(".")]
     if not all(keys):
-        raise _error(value.origin, f"{shown(key)} is not a key; write for example environment.wind.mean_mps")
+        raise profile_error(value.origin, f"{shown(key)} is not a key; write for example environment.wind.mean_mps")
     if keys[0] == "extends":
-        raise _error(value.origin, "extends cannot be set; lay a part on the profile, or extend both in a file")
+        raise profile_error(
+            value.origin, "extends cannot be set; merge a part into the profile, or extend both in a file"
+        )
     return _placed(profile, keys, 0, value)
 
 
@@ -93,13 +109,22 @@ def _extended(entry: Entry, path: Path, chain: tuple[Path, ...]) -> Entry:
     if not isinstance(entry.value, dict) or "extends" not in entry.value:
         return entry
     below: Entry | None = None
-    for name in _names(entry.value["extends"]):
-        base_path = _base(name, path)
+    extends = entry.value["extends"]
+    names = extends.value if isinstance(extends.value, tuple) else (extends,)
+    for name in names:
+        if not isinstance(name.value, str):
+            sentence = f"extends = {shown(name.plain())} is not a profile; write a name or a list of names"
+            raise profile_error(name.origin, sentence)
+    for name in names:
+        try:
+            base_path = find_profile(str(name.value), beside=path.parent)
+        except (UserError, ValueError, OSError) as error:
+            raise profile_error(name.origin, f"extends = {shown(name.value)}: {error}") from None
         if base_path.resolve() in chain:
             turns = [*chain, base_path.resolve()]
             loop = " -> ".join(shown_path(turn) for turn in turns[turns.index(base_path.resolve()) :])
-            what = f"extends = {shown(name.value)} goes round in a circle: {loop}; drop one of them"
-            raise _error(name.origin, what)
+            sentence = f"extends = {shown(name.value)} is a circular reference: {loop}; remove one of them"
+            raise profile_error(name.origin, sentence)
         base = _composed(base_path, chain)
         below = base if below is None else laid_on(below, base)
     own = Entry({key: value for key, value in entry.value.items() if key != "extends"}, entry.origin)
@@ -119,7 +144,12 @@ def laid_on(below: Entry, above: Entry) -> Entry:
     merged = merge(below, above)
     whole: dict[str, Entry] = {}
     vehicle = above.child("vehicle")
-    if vehicle is not None and _is_whole_vessel(vehicle):
+    # A vessel without a hull or a required key is a version of another vessel.
+    if (
+        vehicle is not None
+        and any((hull := vehicle.child(key)) is not None and hull.value for key in ("hull", "hulls"))
+        and all(vehicle.child(key) is not None for key in required_keys(VesselSpec))
+    ):
         assert isinstance(merged.value, dict)
         whole["vehicle"] = _only_keys_of(vehicle, merged.value["vehicle"])
     fleet, others = below.child("vessels"), above.child("vessels")
@@ -137,10 +167,12 @@ def laid_on(below: Entry, above: Entry) -> Entry:
 def _rivals_of(group: Entry, rivals: dict[str, tuple[str, ...]]) -> set[str]:
     """Return the keys that the given keys of a group replace."""
     assert isinstance(group.value, dict)
-    given = [
-        key for key, one in group.value.items() if one.value is not None and not (key == "items" and not one.value)
+    replacing = [
+        key
+        for key, below in group.value.items()
+        if below.value is not None and not (key == "items" and not below.value)
     ]
-    return {rival for key in given for rival in rivals.get(key, ())}
+    return {rival for key in replacing for rival in rivals.get(key, ())}
 
 
 def _without_keys(entry: Entry, path: tuple[str, ...], keys: set[str]) -> Entry:
@@ -148,7 +180,7 @@ def _without_keys(entry: Entry, path: tuple[str, ...], keys: set[str]) -> Entry:
     if not keys or not isinstance(entry.value, dict):
         return entry
     if not path:
-        left = {key: one for key, one in entry.value.items() if key not in keys}
+        left = {key: below for key, below in entry.value.items() if key not in keys}
         return entry if len(left) == len(entry.value) else Entry(left, entry.origin, entry.replaced)
     below = entry.value.get(path[0])
     if below is None:
@@ -168,59 +200,30 @@ def at_speed_of_vessel(entry: Entry) -> Entry:
     return Entry({**entry.value, "mission": faster}, entry.origin)
 
 
-def _is_whole_vessel(vessel: Entry) -> bool:
-    """Whether it has all required keys of a vessel. Without a hull it is a version of another vessel."""
-    hull = any((entry := vessel.child(key)) is not None and bool(entry.value) for key in ("hull", "hulls"))
-    return hull and all(vessel.child(key) is not None for key in required_keys(VesselSpec))
-
-
 def _only_keys_of(above: Entry, merged: Entry) -> Entry:
     if not (isinstance(above.value, dict) and isinstance(merged.value, dict)):
         return merged
-    kept = {key: _only_keys_of(entry, merged.value[key]) for key, entry in above.value.items()}
-    return Entry(kept, merged.origin, merged.replaced)
-
-
-def _names(extends: Entry) -> tuple[Entry, ...]:
-    names = extends.value if isinstance(extends.value, tuple) else (extends,)
-    for name in names:
-        if not isinstance(name.value, str):
-            what = shown(name.plain())
-            raise _error(name.origin, f"extends = {what} is not a profile; write a name or a list of names")
-    return names
-
-
-def _base(name: Entry, path: Path) -> Path:
-    try:
-        return find_profile(str(name.value), beside=path.parent)
-    except (UserError, ValueError, OSError) as error:
-        raise _error(name.origin, f"extends = {shown(name.value)}: {error}") from None
-
-
-def _with_override(profile: Entry, text: str) -> Entry:
-    key, equals, value_text = text.partition("=")
-    origin = Origin(f"--set {key.strip()}")
-    keys = [part.strip() for part in key.split(".")]
-    if not equals or not all(keys):
-        raise UserError(f"--set {shown(text)} is not KEY=VALUE; write for example --set environment.wind.mean_mps=8")
-    if keys[0] == "extends":
-        raise _error(origin, "extends cannot be set from the command line; write a profile file that extends both")
-    value = parse_yaml(value_text, str(origin), first_line=None) or Entry(None, origin)
-    return _placed(profile, keys, 0, value)
+    own = {key: _only_keys_of(entry, merged.value[key]) for key, entry in above.value.items()}
+    return Entry(own, merged.origin, merged.replaced)
 
 
 def _placed(entry: Entry, keys: list[str], depth: int, value: Entry) -> Entry:
     """Return `entry` with `value` merged in at `keys[depth:]`."""
-    if depth == 0:
-        entry = _without_overridden(entry, keys, value)
+    if depth == 0:  # remove the keys that an override of one key replaces
+        for path_of_group, rivals in _RIVALS.items():
+            own = value
+            for own_key in reversed(keys[len(path_of_group) :]):
+                own = Entry({own_key: own}, value.origin)
+            if tuple(keys[: len(path_of_group)]) == path_of_group and isinstance(own.value, dict):
+                entry = _without_keys(entry, path_of_group, _rivals_of(own, rivals))
     if depth == len(keys):
         return merge(entry, value)
     key, path = keys[depth], dotted(tuple(keys[:depth]))
     if isinstance(entry.value, tuple):
         count = len(entry.value)
         if not key.isascii() or not key.isdigit() or int(key[:9]) >= count:
-            fix = {0: "give the whole list", 1: "use 0"}.get(count, f"use 0 to {count - 1}")
-            raise _error(value.origin, f"{path} is a list of {count}, without an entry {key!r}; {fix}")
+            fix = {0: "set the whole list", 1: "use 0"}.get(count, f"use 0 to {count - 1}")
+            raise profile_error(value.origin, f"{path} is a list of {count} without an entry {key!r}; {fix}")
         index = int(key)
         item = _placed(entry.value[index], keys, depth + 1, value)
         return Entry((*entry.value[:index], item, *entry.value[index + 1 :]), entry.origin)
@@ -228,21 +231,6 @@ def _placed(entry: Entry, keys: list[str], depth: int, value: Entry) -> Entry:
         entry = Entry({}, value.origin)
     if not isinstance(entry.value, dict):
         fix = f"set {path} itself" if path else "name a key"
-        raise _error(value.origin, f"{path} = {shown(entry.plain())} is a value, not a group; {fix}")
+        raise profile_error(value.origin, f"{path} = {shown(entry.plain())} is a value, not a group; {fix}")
     below = entry.value.get(key, Entry({} if depth + 1 < len(keys) else None, value.origin))
     return Entry({**entry.value, key: _placed(below, keys, depth + 1, value)}, entry.origin)
-
-
-def _without_overridden(entry: Entry, keys: list[str], value: Entry) -> Entry:
-    """Return `entry` without keys that an override of one key replaces."""
-    for path, rivals in _RIVALS.items():
-        own = value
-        for key in reversed(keys[len(path) :]):
-            own = Entry({key: own}, value.origin)
-        if tuple(keys[: len(path)]) == path and isinstance(own.value, dict):
-            entry = _without_keys(entry, path, _rivals_of(own, rivals))
-    return entry
-
-
-def _error(origin: Origin, sentence: str) -> ProfileError:
-    return ProfileError([Problem(origin, sentence)], origin.source)

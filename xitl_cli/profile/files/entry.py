@@ -75,11 +75,15 @@ def dotted(path: KeyPath) -> str:
 
     Unusual keys are quoted, to keep the text on one line.
     """
-    return ".".join(str(key) if isinstance(key, int) or _is_plain(key) else repr(key) for key in path)
+    return ".".join(
+        str(key) if isinstance(key, int) or (key and key.isprintable() and not set(key) & set(" .:=")) else repr(key)
+        for key in path
+    )
 
 
-def _is_plain(key: str) -> bool:
-    return key != "" and key.isprintable() and not any(character in key for character in " .:=")
+def finding(key: str, text: str) -> tuple[KeyPath, str]:
+    """Return a finding of a check: the path of a dotted key, and a sentence that begins with the key."""
+    return tuple(key.split(".")), f"{key} {text}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,3 +127,8 @@ def shown(value: object) -> str:
         return "an integer of more than 64 bits"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def profile_error(origin: Origin, sentence: str) -> ProfileError:
+    """Return an error with one problem."""
+    return ProfileError([Problem(origin, sentence)], origin.source)

@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from agent.files import read_text
-from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, Scalar, shown
+from xitl_cli.profile.files.entry import Entry, Origin, Scalar, profile_error, shown
 
 MAX_BYTES = 16 << 20
 MAX_VALUES = 100_000  # limit for an alias bomb, unless the text itself has as many values
@@ -59,15 +59,21 @@ def read_yaml(path: Path, shown_as: str) -> Entry:
     try:
         text = read_text(path, MAX_BYTES)
     except UnicodeDecodeError as error:
-        raise _error(shown_as, 1, f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+        raise profile_error(Origin(shown_as, 1), f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
-        raise _error(shown_as, None, f"cannot be read: {reason}; check the path and its permissions") from None
+        raise profile_error(
+            Origin(shown_as, None), f"cannot be read: {reason}; check the path and its permissions"
+        ) from None
     entry = _parsed_once(text, shown_as) if len(text) < LONG_TEXT else parse_yaml(text, shown_as)
     if entry is None:
-        raise _error(shown_as, 1, "is empty; a profile is a mapping of keys such as `extends:` and `mission:`")
+        raise profile_error(
+            Origin(shown_as, 1), "is empty; a profile is a mapping of keys such as `extends:` and `mission:`"
+        )
     if not isinstance(entry.value, dict):
-        raise _error(shown_as, entry.origin.line, f"is {shown(entry.plain())}; a profile is a mapping of keys")
+        raise profile_error(
+            Origin(shown_as, entry.origin.line), f"is {shown(entry.plain())}; a profile is a mapping of keys"
+        )
     return entry
 
 
@@ -90,19 +96,19 @@ def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | No
             node = loader.get_single_node()
             return None if node is None else _Reader(origin, len(text)).entry(node, node.start_mark.line)
     except _RefusedError as error:
-        raise ProfileError([Problem(origin(error.line), error.sentence)], source) from None
+        raise profile_error(origin(error.line), error.sentence) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        what = " ".join((error.problem or error.context or "syntax error").split())
+        problem = " ".join((error.problem or error.context or "syntax error").split())
         column = f", column {mark.column + 1}" if mark else ""
-        sentence = f"is not valid YAML: {what}{column}; check indentation, quotes and colons"
-        raise ProfileError([Problem(origin(mark.line if mark else 0), sentence)], source) from None
+        sentence = f"is not valid YAML: {problem}{column}; check indentation, quotes and colons"
+        raise profile_error(origin(mark.line if mark else 0), sentence) from None
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position)
-        sentence = f"holds the character {chr(error.character)!r}, which YAML does not allow; remove it"
-        raise ProfileError([Problem(origin(line), sentence)], source) from None
+        sentence = f"contains the character {chr(error.character)!r}, which YAML does not allow; remove it"
+        raise profile_error(origin(line), sentence) from None
     except RecursionError:
-        raise ProfileError([Problem(origin(0), "is nested too deeply; flatten it")], source) from None
+        raise profile_error(origin(0), "is nested too deeply; flatten it") from None
     finally:
         if loader is not None:
             loader.dispose()
@@ -134,7 +140,7 @@ class _Reader:
         if self._values > self._most:
             raise _RefusedError(line, f"expands to more than {self._most} values; use fewer aliases")
         if depth > MAX_DEPTH:
-            raise _RefusedError(line, "is nested too deeply, or an alias holds itself; flatten it")
+            raise _RefusedError(line, "is nested too deeply, or an alias contains itself; flatten it")
         if isinstance(node, yaml.MappingNode):
             _refuse_tag(node, "tag:yaml.org,2002:map")
             return Entry(self._mapping(node, depth), self._origin(line))
@@ -159,7 +165,7 @@ class _Reader:
                 raise _RefusedError(line, "merge keys (<<) are not used in profiles; name a profile under `extends:`")
             if key in entries:
                 before = entries[key].origin
-                raise _RefusedError(line, f"the key {key!r} was given already ({before}); keep one of the two")
+                raise _RefusedError(line, f"the key {key!r} is a duplicate of the one at {before}; remove one of them")
             entries[key] = self.entry(value_node, line, depth + 1)
         return entries
 
@@ -186,7 +192,3 @@ def plain_scalar(text: str) -> Scalar:
 def _scalar(node: yaml.ScalarNode) -> Scalar:
     text: str = node.value
     return text if node.style else plain_scalar(text)  # quoted or block: always text
-
-
-def _error(source: str, line: int | None, sentence: str) -> ProfileError:
-    return ProfileError([Problem(Origin(source, line), sentence)], source)

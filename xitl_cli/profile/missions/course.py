@@ -73,23 +73,26 @@ def mavlink_item(
 
     A latitude and a longitude that are both 0 are no place, as in ArduPilot. Raises MissionFileError.
     """
-    p1, p2, p3, p4, x, y, z = (None if one is None or math.isnan(one) else one for one in numbers)
+    p1, p2, p3, p4, x, y, z = (None if number is None or math.isnan(number) else number for number in numbers)
     known = COMMANDS.get(command)
     has_place = known.has_place if known is not None else frame != NO_PLACE
     place = None
     if x or y:
         if not has_place:
             name = "" if known is None else f" ({known.name})"
-            text = f"{where}: command {command}{name} has no place, and its parameters 5 and 6 are {x:g} and {y:g}"
-            raise MissionFileError(f"{text}, which xitl does not bring; remove the item or set them to 0", line)
+            text = f"{where}: command {command}{name} has no place, but its parameters 5 and 6 are {x:g} and {y:g}"
+            raise MissionFileError(f"{text}; remove the item or set them to 0", line)
         place = place_of(x or 0.0, y or 0.0, where, line)
     return FileItem(command, (p1, p2, p3, p4), place, z or 0.0, frame, where, line)
 
 
-def sorted_course(items: list[FileItem], what: str) -> Course:
-    """Sort the items of one list by their use: mission, fence or rally points. Raises MissionFileError."""
+def sorted_course(items: list[FileItem], kind: str) -> Course:
+    """Sort the items of one list by their use: mission, fence or rally points. Raises MissionFileError.
+
+    kind: the kind of the items, for the error.
+    """
     if not items:
-        raise MissionFileError(f"has no {what}; draw at least one")
+        raise MissionFileError(f"has no {kind}; draw at least one")
     fence = tuple(item for item in items if item.command in FENCE_COMMANDS)
     rally = tuple(item for item in items if item.command == RALLY_POINT)
     others = (*FENCE_COMMANDS, RALLY_POINT)

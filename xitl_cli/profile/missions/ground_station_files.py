@@ -37,20 +37,24 @@ def read_plan(text: str) -> Course:
     """
     plan = read_json(text)
     if not isinstance(plan, dict) or plan.get("fileType") != "Plan":
-        raise MissionFileError('is no plan of QGroundControl ("fileType": "Plan" is missing); save the plan again')
+        raise MissionFileError('is not a plan of QGroundControl ("fileType": "Plan" is missing); save the plan again')
     mission = _member(plan, "mission", dict, "")
+    rally = plan.get("rallyPoints") or {}
+    if not isinstance(rally, dict):
+        raise MissionFileError("rallyPoints is not an object; save the plan again")
+    rally_points = []
+    for number, point in enumerate(rally.get("points") or []):
+        where = f"rallyPoints.points.{number}"
+        rally_points.append(FileItem(RALLY_POINT, place_deg=_pair(point, where), where=where))
     items = list(_plan_items(_member(mission, "items", list, "mission"), "mission.items"))
-    return Course(
-        tuple(_with_sequence_numbers(items)),
-        tuple(_plan_fence(plan.get("geoFence") or {})),
-        tuple(_plan_rally(plan.get("rallyPoints") or {})),
-    )
+    fence = tuple(_plan_fence(plan.get("geoFence") or {}))
+    return Course(tuple(_with_sequence_numbers(items)), fence, tuple(rally_points))
 
 
 def read_json(text: str) -> Any:
     """Return the value of a JSON text. Raises MissionFileError with the line."""
     try:
-        return json.loads(text, parse_constant=lambda word: _refuse_constant(word))
+        return json.loads(text, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
         raise MissionFileError(f"is not valid JSON: {error.msg}, column {error.colno}", error.lineno) from None
     except RecursionError:
@@ -62,48 +66,45 @@ def read_json(text: str) -> Any:
 def number_of(value: Any, where: str) -> float:
     """Return the finite number of a JSON value. Raises MissionFileError."""
     if not isinstance(value, (int, float)) or isinstance(value, bool) or abs(value) > 1e300:
-        raise MissionFileError(f"{where} = {str(value)[:40]} is not a number; write one")
+        raise MissionFileError(f"{where} = {str(value)[:40]} is not a number; write a number")
     return float(value)
 
 
 def _refuse_constant(word: str) -> None:
-    raise MissionFileError(f"holds {word}, which is no number of JSON; replace it")
+    raise MissionFileError(f"contains {word}, which is not a number in JSON; replace it")
 
 
 def _member(group: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
     value = group.get(key)
     if not isinstance(value, kind):
-        what = "an object" if kind is dict else "a list"
-        raise MissionFileError(f"{f'{where}.' if where else ''}{key} is missing or is not {what}; save the plan again")
+        expected = "an object" if kind is dict else "a list"
+        path = f"{where}.{key}" if where else key
+        raise MissionFileError(f"{path} is missing or is not {expected}; save the plan again")
     return value
 
 
-def _plan_items(found: list[Any], path: str) -> Iterator[tuple[FileItem, Any]]:
+def _plan_items(items: list[Any], path: str) -> Iterator[tuple[FileItem, Any]]:
     """Yield each item with its doJumpId."""
-    for number, one in enumerate(found):
+    for number, item in enumerate(items):
         where = f"{path}.{number}"
-        if not isinstance(one, dict):
+        if not isinstance(item, dict):
             raise MissionFileError(f"{where} is not an object; save the plan again")
-        if one.get("type") == "ComplexItem":
-            generated = one.get("TransectStyleComplexItem")
+        if item.get("type") == "ComplexItem":
+            generated = item.get("TransectStyleComplexItem")
             if not isinstance(generated, dict) or not isinstance(generated.get("Items"), list):
-                kind = str(one.get("complexItemType"))[:40]
-                fix = "replace it by waypoints; surveys and corridor scans can be brought"
-                raise MissionFileError(f"{where} is a complex item, {kind!r}, which xitl cannot sail; {fix}")
+                kind = str(item.get("complexItemType"))[:40]
+                fix = "replace it by waypoints, a survey or a corridor scan"
+                raise MissionFileError(f"{where} is a complex item, {kind!r}, which xitl does not support; {fix}")
             yield from _plan_items(generated["Items"], f"{where}.TransectStyleComplexItem.Items")
             continue
-        yield _plan_item(one, where), one.get("doJumpId")
-
-
-def _plan_item(one: dict[str, Any], where: str) -> FileItem:
-    command, frame = (int(number_of(one.get(key), f"{where}.{key}")) for key in ("command", "frame"))
-    numbers = _member(one, "params", list, where)
-    if len(numbers) != 7:
-        raise MissionFileError(f"{where}.params has {len(numbers)} entries; MAVLink has 7")
-    values = tuple(
-        None if value is None else number_of(value, f"{where}.params.{index}") for index, value in enumerate(numbers)
-    )
-    return mavlink_item(command, frame, values, where)
+        command, frame = (int(number_of(item.get(key), f"{where}.{key}")) for key in ("command", "frame"))
+        params = _member(item, "params", list, where)
+        if len(params) != 7:
+            raise MissionFileError(f"{where}.params has {len(params)} entries; MAVLink has 7")
+        numbers = tuple(
+            None if value is None else number_of(value, f"{where}.params.{index}") for index, value in enumerate(params)
+        )
+        yield mavlink_item(command, frame, numbers, where), item.get("doJumpId")
 
 
 def _with_sequence_numbers(items: list[tuple[FileItem, Any]]) -> Iterator[FileItem]:
@@ -115,7 +116,7 @@ def _with_sequence_numbers(items: list[tuple[FileItem, Any]]) -> Iterator[FileIt
             continue
         target = int(item.parameters[0] or 0)
         if target not in by_id:
-            raise MissionFileError(f"{item.where}: jumps to item {target}, which is not there; give a doJumpId")
+            raise MissionFileError(f"{item.where}: jumps to item {target}, which does not exist; use a doJumpId")
         yield replace(item, parameters=(float(by_id[target]), *item.parameters[1:]))
 
 
@@ -124,35 +125,27 @@ def _plan_fence(fence: Any) -> Iterator[FileItem]:
         raise MissionFileError("geoFence is not an object; save the plan again")
     if isinstance(fence.get("polygon"), list) and fence["polygon"]:
         raise MissionFileError("geoFence is of version 1; open the plan in QGroundControl and save it again")
-    for number, one in enumerate(fence.get("polygons") or []):
+    for number, shape in enumerate(fence.get("polygons") or []):
         where = f"geoFence.polygons.{number}"
-        corners = one.get("polygon") if isinstance(one, dict) else None
+        corners = shape.get("polygon") if isinstance(shape, dict) else None
         if not isinstance(corners, list) or len(corners) < 3:
             raise MissionFileError(f"{where} has fewer than 3 corners; draw it again")
-        command = POLYGON_IN if one.get("inclusion", True) else POLYGON_OUT
+        command = POLYGON_IN if shape.get("inclusion", True) else POLYGON_OUT
         for index, corner in enumerate(corners):
             place = _pair(corner, f"{where}.polygon.{index}")
             yield FileItem(command, (float(len(corners)), 0.0, 0.0, 0.0), place, 0.0, 0, where)
-    for number, one in enumerate(fence.get("circles") or []):
+    for number, shape in enumerate(fence.get("circles") or []):
         where = f"geoFence.circles.{number}"
-        circle = one.get("circle") if isinstance(one, dict) else None
+        circle = shape.get("circle") if isinstance(shape, dict) else None
         if not isinstance(circle, dict):
             raise MissionFileError(f"{where} has no circle; draw it again")
         radius_m = number_of(circle.get("radius"), f"{where}.circle.radius")
-        command = CIRCLE_IN if one.get("inclusion", True) else CIRCLE_OUT
+        command = CIRCLE_IN if shape.get("inclusion", True) else CIRCLE_OUT
         place = _pair(circle.get("center"), f"{where}.circle.center")
         yield FileItem(command, (radius_m, 0.0, 0.0, 0.0), place, 0.0, 0, where)
     if fence.get("breachReturn"):
         where = "geoFence.breachReturn"
         yield FileItem(RETURN_POINT, place_deg=_pair(fence["breachReturn"], where), where=where)
-
-
-def _plan_rally(rally: Any) -> Iterator[FileItem]:
-    if not isinstance(rally, dict):
-        raise MissionFileError("rallyPoints is not an object; save the plan again")
-    for number, point in enumerate(rally.get("points") or []):
-        where = f"rallyPoints.points.{number}"
-        yield FileItem(RALLY_POINT, place_deg=_pair(point, where), where=where)
 
 
 def _pair(value: Any, where: str) -> tuple[float, float]:
@@ -196,8 +189,8 @@ def waypoints_text(items: Sequence[Any]) -> str:
 
 def _waypoint(columns: list[str], line: int) -> FileItem:
     if len(columns) != WPL_COLUMNS:
-        what = f"item has {len(columns)} columns; QGC WPL has {WPL_COLUMNS}: index, current, frame, command, "
-        raise MissionFileError(f"{what}4 parameters, latitude, longitude, altitude, autocontinue", line)
+        expected = "index, current, frame, command, 4 parameters, latitude, longitude, altitude, autocontinue"
+        raise MissionFileError(f"item has {len(columns)} columns; QGC WPL has {WPL_COLUMNS}: {expected}", line)
     where = f"item {columns[0]}"
     try:
         frame, command = int(columns[2]), int(columns[3])

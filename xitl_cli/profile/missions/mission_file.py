@@ -7,7 +7,7 @@ from pathlib import Path
 
 from agent.files import read_text
 from xitl_cli.profile.files.catalogue import shown_path
-from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, Scalar, shown
+from xitl_cli.profile.files.entry import Entry, Origin, Scalar, profile_error, shown
 from xitl_cli.profile.missions.course import Course, FileItem, MissionFileError
 from xitl_cli.profile.missions.ground_station_files import read_plan, read_waypoints
 from xitl_cli.profile.missions.map_files import read_geojson, read_gpx, read_kml
@@ -46,45 +46,41 @@ def with_mission_files(entry: Entry) -> Entry:
 def _read(mission: Entry, file: Entry) -> Entry:
     assert isinstance(mission.value, dict)
     course = _course(file)
-    both = [key for key in ("waypoints_ned_m", "items") if (own := mission.value.get(key)) is not None and own.value]
-    if both:
-        raise _error(file.origin, f"mission.file and mission.{both[0]} are both there; leave out one of them")
+    for key in ("waypoints_ned_m", "items"):
+        if (own := mission.value.get(key)) is not None and own.value:
+            raise profile_error(file.origin, f"mission.file and mission.{key} exclude each other; remove one of them")
     source = shown_path(Path(str(file.value)))
-    brought: dict[str, Entry] = {}
+    lists = {"items": course.items, "fence": course.fence, "rally": course.rally}
+    from_file = {
+        key: Entry(tuple(_item(item, source) for item in items), file.origin) for key, items in lists.items() if items
+    }
     if all(item.is_plain for item in course.items):
+        from_file.pop("items", None)
         places = tuple(_place(item, source) for item in course.items)
-        brought["waypoints_ned_m"] = Entry(places, file.origin)
-    else:
-        brought["items"] = _list(course.items, source, file.origin)
-    if course.fence:
-        brought["fence"] = _list(course.fence, source, file.origin)
-    if course.rally:
-        brought["rally"] = _list(course.rally, source, file.origin)
-    kept = {key: value for key, value in mission.value.items() if key not in ("file", "waypoints_ned_m", "items")}
-    return Entry({**brought, **kept}, mission.origin, mission.replaced)
+        from_file = {"waypoints_ned_m": Entry(places, file.origin), **from_file}
+    others = {key: value for key, value in mission.value.items() if key not in ("file", "waypoints_ned_m", "items")}
+    return Entry({**from_file, **others}, mission.origin, mission.replaced)
 
 
 def _course(file: Entry) -> Course:
     if not isinstance(file.value, str):
-        raise _error(file.origin, f"mission.file = {shown(file.plain())} is not text; write the path of a file")
+        raise profile_error(file.origin, f"mission.file = {shown(file.plain())} is not text; write the path of a file")
     path = Path(file.value)
     read = READERS.get(path.suffix.lower())
     if read is None:
-        what = f"mission.file = {shown(file.value)} is of no format that is known"
-        raise _error(file.origin, f"{what}; use one of {', '.join(READERS)}")
+        sentence = f"mission.file = {shown(file.value)} has an unknown format; use one of {', '.join(READERS)}"
+        raise profile_error(file.origin, sentence)
     try:
         return read(read_text(path).removeprefix("\ufeff"))
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
-        raise _error(file.origin, f"mission.file: {path} cannot be read: {reason}; check the path") from None
+        raise profile_error(file.origin, f"mission.file: {path} cannot be read: {reason}; check the path") from None
     except UnicodeDecodeError as error:
-        raise _error(Origin(shown_path(path)), f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+        raise profile_error(
+            Origin(shown_path(path)), f"is not UTF-8 text (byte {error.start}); save it as UTF-8"
+        ) from None
     except MissionFileError as error:
-        raise _error(Origin(shown_path(path), error.line), str(error)) from None
-
-
-def _list(items: tuple[FileItem, ...], source: str, origin: Origin) -> Entry:
-    return Entry(tuple(_item(item, source) for item in items), origin)
+        raise profile_error(Origin(shown_path(path), error.line), str(error)) from None
 
 
 def _item(item: FileItem, source: str) -> Entry:
@@ -105,7 +101,3 @@ def _place(item: FileItem, source: str) -> Entry:
     at = Origin(source, item.line)
     degrees: dict[str, Scalar] = {"lat": item.place_deg[0], "lon": item.place_deg[1]}
     return Entry({key: Entry(value, at) for key, value in degrees.items()}, at)
-
-
-def _error(origin: Origin, sentence: str) -> ProfileError:
-    return ProfileError([Problem(origin, sentence)], origin.source)

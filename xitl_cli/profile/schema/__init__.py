@@ -1,7 +1,6 @@
 """The schema of a profile: frozen dataclasses, one for each group of keys.
 
-What a simulated thing is in numbers stands with its model: sim_core/{vessel,environment,world,sensors}/spec.py. Here is
-the rest: what a profile is put together from.
+The keys of simulated things are with their models: sim_core/{vessel,environment,world,sensors}/spec.py.
 
 Profile                        profile.py
 ├── name, description, technique
@@ -10,14 +9,13 @@ Profile                        profile.py
 ├── environment                sim_core/environment/spec.py
 ├── sensors                    sensors.py, sim_core/sensors/spec.py
 ├── mission, driver, autopilot, companion   agents.py
-├── clock, recording           profile.py
-├── view                       view.py
+├── clock, recording, view, live   profile.py
 ├── ros                        ros.py
 ├── faults                     faults.py
-├── plugins                    plugins.py; the keys of each are in the package of the plug-in
-├── graph                      graph.py, derived_graph.py (what follows from the others)
+├── plugins                    profile.py; the package of each plug-in has its keys
+├── graph                      graph.py, derived_graph.py (the graph that follows from the other groups)
 ├── ais                        sim_core/world/spec.py
-└── vessels                    fleet.py, formation.py; each is read as a Profile: xitl_cli/profile/fleet.py
+└── vessels                    fleet.py; each is read as a Profile: xitl_cli/profile/fleet.py
 """
 
 from xitl_cli.profile.schema.profile import Profile, RunProfile

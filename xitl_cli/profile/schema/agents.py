@@ -1,4 +1,4 @@
-"""`mission`, `driver`, `autopilot` and `companion`: what the vessel is to do, and who steers it."""
+"""`mission`, `driver`, `autopilot` and `companion`: the task of the vessel, and the parts that steer it."""
 
 from __future__ import annotations
 
@@ -33,13 +33,12 @@ RcPulse = Annotated[int, Bounds(at_least=0, at_most=2200)]
 Timeout = Annotated[float, Bounds(above=0, at_most=600)]
 Silence = Annotated[float, Bounds(at_least=1, at_most=600)]
 LOOPBACK = "127.0.0.1"
-MOST_VESSELS = 250  # by their system ids: those above are ground stations'
+MOST_VESSELS = 250  # ground stations have the system ids above
 
 
 EXTERNAL, FIND = "external", "find"  # of autopilot.firmware
 PX4_SIMULATOR_PORT, PX4_MAVLINK_PORT, MOST_PX4_INSTANCES = 4560, 14580, 200
-"""Of a PX4 in software: TCP, where it calls its simulator, and UDP, its link for companions, both with the number of
-its instance added."""
+"""Ports of a PX4 in software, plus the number of its instance: TCP to its simulator, UDP for companions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,33 +101,33 @@ class MissionSpec(Specification):
 
     def check(self) -> None:
         if self.items and self.waypoints_ned_m:
-            raise SpecificationError(("items",), "and waypoints_ned_m are both there; leave out one of them")
+            raise SpecificationError(("items",), "and waypoints_ned_m exclude each other; remove one of them")
 
     @property
     def course(self) -> dict[int, Place]:
-        """The places to sail to (north, east), by the number of their item; home is item 0."""
+        """Return the places to sail to (north, east), by the number of their item; home is item 0."""
         if not self.items:
             return dict(enumerate(self.waypoints_ned_m, start=1))
         home = self.start.north_m, self.start.east_m
-        places = {seq: home if one.command == _RETURN else one.place_ned_m for seq, one in enumerate(self.items, 1)}
-        return {
-            seq: place
-            for seq, place in places.items()
-            if place is not None and self.items[seq - 1].command in STAGES_OF_COURSE
-        }
+        course = {}
+        for number, item in enumerate(self.items, 1):
+            place = home if item.command == _RETURN else item.place_ned_m
+            if place is not None and item.command in STAGES_OF_COURSE:
+                course[number] = place
+        return course
 
     @property
     def course_ned_m(self) -> tuple[Place, ...]:
-        """The places to sail to, in the order of their items."""
+        """Return the places to sail to, in the order of their items."""
         return tuple(self.course.values())
 
     @property
     def jumps(self) -> bool:
-        """Whether items are sailed more than once."""
+        """Return True if items are sailed more than once."""
         return any(item.command in _JUMPS for item in self.items)
 
     def moved(self, move: Callable[[Place], Place]) -> MissionSpec:
-        """The same mission with every place of the course moved."""
+        """Return the same mission with every place of the course moved."""
         items = tuple(
             item if item.place_ned_m is None else replace(item, place_ned_m=move(item.place_ned_m))
             for item in self.items
@@ -254,8 +253,8 @@ class BridgeSpec(Specification):
     world: Annotated[str | None, "where its JSON simulator interface is served, in lockstep"] = None
     sensors: Annotated[
         OwnBridge | None,
-        "how ours get in; null leaves them to its own simulation of the true motion; another name: the bridge of a "
-        "package, see [plugins.md](plugins.md)",
+        "format in which it gets our sensors; null: it simulates its own from the true motion; another name: the "
+        "bridge of a package, see [plugins.md](plugins.md)",
         MoreChoices(partial(names, BRIDGES)),
     ] = None
     sensor_link: Annotated[str | None, "URL of a separate line for the sensors"] = None
@@ -320,8 +319,8 @@ class AutopilotSpec(Specification):
     bridge: BridgeSpec = BridgeSpec()
     firmware: Annotated[
         str,
-        "external: started by somebody else. find: started here; the first of the program in XITL_ARDUROVER or "
-        "XITL_PX4, the one on the PATH, or the one from `xitl firmware get`. Or the path of its program",
+        "external: started elsewhere. find: started here, from XITL_ARDUROVER or XITL_PX4, the PATH, or `xitl firmware "
+        "get`, in this order. Or the path of its program",
     ] = EXTERNAL
     firmware_build: Literal["sitl", "linux"] = "sitl"
     firmware_arguments: Annotated[tuple[str, ...], "arguments after xitl's own"] = ()
@@ -337,7 +336,7 @@ class AutopilotSpec(Specification):
 
     @property
     def started_here(self) -> bool:
-        """Whether the run starts another autopilot: also not a PX4 that is looked for and whose port is named."""
+        """Return True if the run starts another autopilot. For `find`, it starts a PX4 only with a free port."""
         if self.kind == "px4" and self.firmware == FIND:
             return (self.bridge.sensor_link or "").endswith(":0")
         return self.firmware != EXTERNAL
@@ -370,5 +369,5 @@ class CompanionSpec(Specification):
 
     @property
     def is_ours(self) -> bool:
-        """Whether the run has it at the end of a link."""
+        """Return True if the run has it at the end of a link."""
         return self.kind == "xitl"

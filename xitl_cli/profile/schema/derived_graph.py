@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from xitl_cli.profile.schema.agents import AutopilotSpec, CompanionSpec, DriverSpec
 
 REFERENCE = "paper/eq24-general-use"
-"""Of a profile that runs and names none."""
+"""Default reference of a profile that can run."""
 
 THIS_MACHINE = "this machine"
 _HERE = ("127.0.0.1", "localhost", "::1")
@@ -26,8 +26,8 @@ _ORDERS = {
     "ground-station": "a person at a ground station gives the orders",
     "script": "plays a timed script",
     "replay": "plays recorded motor outputs",
-    "follow": "keeps a place beside another vessel",
-    "ros": "nodes of ROS give the orders",
+    "follow": "keeps a position relative to another vessel",
+    "ros": "ROS nodes give the orders",
 }
 
 
@@ -90,12 +90,12 @@ def _companion(profile: ProfileGroups) -> Part:
     kind, runs_on = _agent_place(profile.companion.runs, "companion")
     if not profile.companion.is_ours:
         runs_on = runs_on if kind == "real" else THIS_MACHINE
-        yield "HS", _node("nodes of ROS see by lidar and sonar", kind, runs_on), ("HC",)
-        yield "HC", _node("nodes of ROS plan", kind, runs_on), ("LS", "LC", "HA")
-        yield "HA", _node("nodes of ROS give the autopilot its orders", kind, runs_on), ("LC", "M")
+        yield "HS", _node("ROS nodes perceive by lidar and sonar", kind, runs_on), ("HC",)
+        yield "HC", _node("ROS nodes plan", kind, runs_on), ("LS", "LC", "HA")
+        yield "HA", _node("ROS nodes give the autopilot its orders", kind, runs_on), ("LC", "M")
         return
     yield "HS", _node("maps and tracks obstacles by lidar and sonar", kind, runs_on), ("LC", "HC", "M")
-    yield "HC", _node("plans the way around what is in it", kind, runs_on), ("LS", "LC", "HA", "M")
+    yield "HC", _node("plans the way around obstacles", kind, runs_on), ("LS", "LC", "HA", "M")
     yield "HA", _node("gives the autopilot its orders", kind, runs_on), ("LC", "M")
 
 
@@ -108,11 +108,11 @@ _PARTS: tuple[Callable[[ProfileGroups], Part], ...] = (_driver, _simulator, _aut
 
 
 def complete_graph_group(profile: ProfileGroups) -> NodeGraph | None:
-    """The `graph` group of `profile`, complete; None where it has none and is only a part of a profile.
+    """Return the complete `graph` group of `profile`; None for a part of a profile without the group.
 
-    Of a profile that runs: the nodes and links that follow from its groups. What it writes of a node stands instead,
-    and so do the links that it writes for a node; links that follow, to a node that it calls absent, are left out.
-    Of another: what it writes, with the kinds of its nodes where they follow.
+    For a profile that can run, nodes and links follow from its groups. Written values of a node and written links of
+    a node replace the derived ones, and derived links to absent nodes are dropped. For another profile, the result is
+    the written group, with the derived kinds of its nodes.
     """
     runs, written = not profile.missing_for_run(), profile.graph or NodeGraph()
     if profile.graph is None and not runs:
@@ -120,33 +120,28 @@ def complete_graph_group(profile: ProfileGroups) -> NodeGraph | None:
     derived = {name: (node, links) for part in _PARTS for name, node, links in part(profile)}
     names = [*derived, *(name for name in written.nodes if name not in derived)] if runs else [*written.nodes]
     bases = {name: node if runs else Node(kind=node.kind) for name, (node, _) in derived.items()}
-    nodes = {name: _merged(bases.get(name, Node()), written.nodes.get(name)) for name in names}
+    # Written values over derived ones. Values that neither has are empty.
+    nodes = {
+        name: Node(**{"runs_on": "", "does": "", **_values(bases.get(name)), **_values(written.nodes.get(name))})
+        for name in names
+    }
     links = dict(written.links)
     if runs:
+        # Each pair of present nodes once, under the node that comes first in the architecture.
         present = {name: others for name, (_, others) in derived.items() if nodes[name].kind != "absent"}
-        links = {**_links(present), **links}
+        pairs = {frozenset((name, other)) for name, others in present.items() for other in others if other in present}
+        order = architecture()
+        derived_links = {
+            name: tuple(other for other in order[rank:] if frozenset((name, other)) in pairs)
+            for rank, name in enumerate(order)
+        }
+        links = {**{name: others for name, others in derived_links.items() if others}, **links}
     reference = written.reference or (REFERENCE if runs else COMPLETE)
     return NodeGraph(nodes=nodes, links=links, reference=reference, vertices=written.vertices)
 
 
-def _merged(derived: Node, written: Node | None) -> Node:
-    """Return the derived node with the written values over it. Values that neither has are empty."""
-    return Node(**{"runs_on": "", "does": "", **_values(derived), **_values(written)})
-
-
 def _values(node: Node | None) -> dict[str, Any]:
     return {} if node is None else {name: value for name, value in asdict(node).items() if value is not None}
-
-
-def _links(nodes: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Each pair once, under the node that comes first in the architecture."""
-    order = architecture()
-    pairs = {frozenset((name, other)) for name, others in nodes.items() for other in others if other in nodes}
-    return {
-        name: others
-        for rank, name in enumerate(order)
-        if (others := tuple(other for other in order[rank:] if frozenset((name, other)) in pairs))
-    }
 
 
 def _node(does: str, kind: Literal["real", "virtual"] = "virtual", runs_on: str = THIS_MACHINE) -> Node:

@@ -34,17 +34,17 @@ _SIMULATOR = re.compile(r"PS([1-9][0-9]{0,2})")
 
 
 def is_node_name(name: str) -> bool:
-    """Whether `name` is a node of the architecture."""
+    """Return True if `name` is a node of the architecture."""
     return (name in MEANINGS and name != "PS") or _SIMULATOR.fullmatch(name) is not None
 
 
 def node_meaning(name: str) -> str:
-    """The node `name` in words."""
+    """Return the meaning of the node `name`."""
     return MEANINGS["PS" if _SIMULATOR.fullmatch(name) else name]
 
 
 def architecture(names: Iterable[str] = ()) -> tuple[str, ...]:
-    """All vertices in the architecture's order: 8 and every simulator among `names` (PS1 if there is none)."""
+    """Return all vertices in the architecture's order: 8 and every simulator among `names` (PS1 without one)."""
     simulators = {int(match[1]) for name in names if (match := _SIMULATOR.fullmatch(name))} or {1}
     return ("D", *(f"PS{number}" for number in sorted(simulators)), "LS", "LC", "LA", "HS", "HC", "HA", "M")
 
@@ -80,8 +80,8 @@ class NodeGraph(Specification):
     )
     links: Annotated[
         dict[str, tuple[str, ...]],
-        "for each node, the nodes that it exchanges data with, instead of those that follow from the composition; "
-        "a pair may appear once or twice",
+        "for each node, the nodes that it exchanges data with; they replace the derived links; a pair may appear once "
+        "or twice",
     ] = field(default_factory=dict)
     reference: Annotated[
         str | None,

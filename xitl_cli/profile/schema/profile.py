@@ -1,12 +1,14 @@
-"""The whole profile, and the same with all that a run needs."""
+"""The whole profile, its groups that are small, and the same profile with everything that a run needs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal
 
 from sim_core.environment.spec import EnvironmentSpec
-from sim_core.keys import Bounds, Positive, RateHz, Seed, Specification
+from sim_core.keys import Bounds, MoreChoices, Positive, RateHz, Seed, Specification
+from sim_core.vessel.actuators import ActuatorSpec
 from sim_core.vessel.spec import VesselSpec
 from sim_core.world.spec import AIS_NAME, FLEET_MMSI, SCRIPTED_MMSI, AisSpec, TrafficSpec
 from xitl_cli.errors import UserError
@@ -14,15 +16,107 @@ from xitl_cli.profile.schema.agents import AutopilotSpec, CompanionSpec, DriverS
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.graph import NodeGraph
-from xitl_cli.profile.schema.live import LiveSpec
-from xitl_cli.profile.schema.plugins import GroupsByName, plugin_keys
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
-from xitl_cli.profile.schema.view import ViewSpec
 from xitl_cli.profile.schema.world import SiteSpec, WorldSpec
+from xitl_cli.registry import DRIVERS, LIVE_OUTPUTS, NODES, PluginError, load, names, package_of
+
+
+@dataclass(frozen=True, slots=True)
+class GroupsByName:
+    """Marks a key with groups whose class depends on the name of the group."""
+
+    group: Callable[[str], type]
+    """Returns the class of a name. Raises UserError, whose sentence begins with the name, without a class."""
+
+
+def plugin_keys(name: str) -> type[Any]:
+    """Return the keys of a plug-in's node, driver or live output. Raises PluginError for a missing or unusable one."""
+    if name not in names(NODES):
+        for registry, role in ((DRIVERS, "driver"), (LIVE_OUTPUTS, "live output")):
+            if name in names(registry):
+                keys = getattr(load(registry, name), "keys", None)
+                if isinstance(keys, type) and is_dataclass(keys):
+                    return keys
+                raise PluginError(f"{name}: the {role} of {package_of(registry, name)} has no keys; remove the group")
+    kind = load(NODES, name)
+    if not (hasattr(kind, "keys") and hasattr(kind, "make") and hasattr(kind, "topics")):
+        problem = f"registers {type(kind).__name__} in {NODES}, which is not xitl_cli.plugin.NodeKind"
+    elif not (isinstance(kind.keys, type) and is_dataclass(kind.keys)):
+        problem = f"has a NodeKind whose keys are not a dataclass: {kind.keys!r}"
+    else:
+        return kind.keys
+    raise PluginError(f"{name}: the plug-in of {package_of(NODES, name)} {problem}; correct it")
+
+
+def registered_keys(registry: str, name: str, kind: str) -> type[Any]:
+    """Return the keys of `kind`, which a package registers in the group `registry` for `vehicle.actuators.NAME`.
+
+    Raises PluginError for a missing or unusable package.
+    """
+    keys = load(registry, kind)
+    if isinstance(keys, type) and issubclass(keys, ActuatorSpec) and is_dataclass(keys):
+        return keys
+    shown = keys.__name__ if isinstance(keys, type) else type(keys).__name__
+    raise PluginError(
+        f"{kind}: the plug-in of {package_of(registry, kind)} registers {shown} in {registry}, which is not a "
+        "dataclass that derives from sim_core.vessel.actuators.ActuatorSpec; correct it"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewSpec(Specification):
+    """The 3D view in a browser during a run; this group enables it."""
+
+    show: Annotated[bool, "`--view` and `--no-view` do the same for one run"] = True
+    host: Annotated[str, "address to listen on; the printed address has a token"] = "127.0.0.1"
+    port: Annotated[Annotated[int, Bounds(at_least=1, at_most=65535)] | None, "null: 8470, or the next free port"] = (
+        None
+    )
+    open: Annotated[bool | None, "opens this machine's browser; null: on a desktop with an interactive terminal"] = None
+    pace: Annotated[
+        Positive | None, "times real time, in lockstep, while a viewer is connected; null: as fast as possible"
+    ] = 1.0
+    rate_hz: Annotated[
+        Annotated[float, Bounds(at_least=1, at_most=60)], "largest number of pictures per second of wall clock"
+    ] = 20.0
+    dark: Annotated[bool, "night; every viewer can change it"] = False
+
+
+OWN_LIVE_GROUPS = ("view", "ros")
+"""Outputs of xitl that have their own group in a profile."""
+
+
+def added_live_outputs() -> list[str]:
+    """Return the names for `live.outputs`: all registered outputs without their own group."""
+    return [name for name in names(LIVE_OUTPUTS) if name not in OWN_LIVE_GROUPS]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveSpec(Specification):
+    """The recorded topics, served to Foxglove during a run: [view.md](view.md). Other outputs by name."""
+
+    foxglove: Annotated[
+        bool | None, "`--live foxglove` does the same for one run; null: true, or false if `outputs` has names"
+    ] = None
+    outputs: Annotated[
+        tuple[Annotated[Literal["foxglove"], MoreChoices(added_live_outputs)], ...],
+        "live outputs of packages, by name: [plugins.md](plugins.md#a-live-output); `--live NAME` does the same",
+    ] = ()
+    port: Annotated[
+        Annotated[int, Bounds(at_least=1, at_most=65535)] | None,
+        "port of this machine, 127.0.0.1; null: 8765, or the next free port",
+    ] = None
+    commands: Annotated[bool, "clients may act, as with `--live-commands`; otherwise they can only read"] = False
+
+    @property
+    def streams_foxglove(self) -> bool:
+        """Whether the run streams to Foxglove."""
+        return not self.outputs if self.foxglove is None else self.foxglove
+
 
 USUAL = "udp://127.0.0.1:14550", 5760
-"""Where ground stations listen (UDP), and the port at which they look for a simulated vehicle (TCP)."""
+"""Address at which ground stations listen (UDP), and the port where they search a simulated vehicle (TCP)."""
 Technique = Literal["mitl", "sitl", "hitl", "huitl", "ritl", "syitl"]
 
 
@@ -83,8 +177,8 @@ class Profile(Specification):
     plugins: Annotated[
         dict[str, Any] | None,
         GroupsByName(plugin_keys),
-        "nodes of other packages, by the name of the plug-in: [plugins.md](plugins.md); the package has their keys; "
-        "null removes one that is inherited",
+        "nodes of other packages, by the name of the plug-in: [plugins.md](plugins.md); the package defines their "
+        "keys; null removes an inherited node",
     ] = None
     graph: NodeGraph | None = None
     ais: AisSpec | None = None
@@ -96,72 +190,69 @@ class Profile(Specification):
 
     @property
     def sailed(self) -> dict[str, Profile]:
-        """The vessels that are simulated, by name: without `vessels` the one there is, called ""."""
+        """Return the simulated vessels by name; without `vessels`, a single one with the name ""."""
         if self.vessels is None:
             return {"": self}
         return {name: vessel for name, vessel in self.vessels.items() if vessel.traffic is None}
 
     @property
     def one_a_vehicle(self) -> list[Profile]:
-        """The first vessel of each vehicle: one, where all have the same."""
-        found: list[Profile] = []
+        """Return the first vessel of each vehicle: a single vessel if all have the same vehicle."""
+        first: list[Profile] = []
         for vessel in self.sailed.values():
-            if all(vessel.vehicle != other.vehicle for other in found):
-                found.append(vessel)
-        return found
+            if all(vessel.vehicle != other.vehicle for other in first):
+                first.append(vessel)
+        return first
 
     def vessel(self, name: str) -> Profile:
-        """One of `sailed`; UserError for a name that is none."""
+        """Return one of `sailed`. Raises UserError for an unknown name."""
         if self.vessels is None:
-            raise UserError(f"{self.name}: has one vessel, without a name; leave the name out")
+            raise UserError(f"{self.name}: has a single vessel without a name; remove the name")
         if name not in self.sailed:
             hint = ", ".join([*self.sailed][:8]) + (" ..." if len(self.sailed) > 8 else "")
-            scripted = "is scripted" if name in self.vessels else "is none of its vessels"
-            raise UserError(f"{self.name}: {name!r} {scripted}; use {hint}")
+            problem = "is scripted" if name in self.vessels else "is not one of its vessels"
+            raise UserError(f"{self.name}: {name!r} {problem}; use {hint}")
         return self.sailed[name]
 
     def missing_for_run(self) -> tuple[str, ...]:
-        """The groups a run needs and this profile lacks."""
+        """Return the groups that a run needs and this profile does not have."""
         if self.vessels is not None:
-            return tuple(dict.fromkeys(group for one in self.sailed.values() for group in one.missing_for_run()))
+            return tuple(dict.fromkeys(group for own in self.sailed.values() for group in own.missing_for_run()))
         needed = ["technique", "site", "vehicle", "environment", "mission", "driver", "autopilot"]
         if self.autopilot is not None and self.autopilot.kind != "none":
             needed.append("sensors")
         return tuple(group for group in needed if getattr(self, group) is None)
 
     def run_profiles(self) -> tuple[RunProfile, ...]:
-        """Each vessel that is simulated as a profile with every group in place, in their order: at least one.
+        """Return each simulated vessel as a profile with every group, in their order: at least one.
 
-        Site, world, environment, clock, recording, view, ros and traffic are the same in all. UserError as of
-        `runnable`.
+        Site, world, environment, clock, recording, view, ros and traffic are the same in all. Raises UserError as
+        `runnable` does.
         """
         if self.vessels is None:
             return (self.runnable(),)
-        scripted = {name: one.traffic for name, one in self.vessels.items() if one.traffic is not None}
+        scripted = {name: vessel.traffic for name, vessel in self.vessels.items() if vessel.traffic is not None}
         traffic = {
-            name: replace(one, ais=_complete_ais(one.ais, name, SCRIPTED_MMSI + number))
-            for number, (name, one) in enumerate(scripted.items(), start=1)
+            name: replace(spec, ais=_complete_ais(spec.ais, name, SCRIPTED_MMSI + number))
+            for number, (name, spec) in enumerate(scripted.items(), start=1)
         }
         return tuple(vessel._run_profile(name, traffic) for name, vessel in self.sailed.items())
 
     def runnable(self) -> RunProfile:
-        """The same profile with every group in place; UserError naming what is missing for a run.
-
-        Of one vessel: UserError where there are several.
-        """
+        """Return the same profile with every group. Raises UserError for missing groups, and for several vessels."""
         if self.vessels is not None:
-            raise UserError(f"{self.name}: has several vessels ({', '.join(self.sailed)}), and this is for one")
+            raise UserError(f"{self.name}: has several vessels ({', '.join(self.sailed)}); use a profile with one")
         return self._run_profile("", {})
 
     def _run_profile(self, vessel: str, traffic: dict[str, TrafficSpec]) -> RunProfile:
         missing, graph = self.missing_for_run(), complete_graph_group(self)
         if missing or graph is None:
-            needs = ", ".join(missing)
-            what = f"is a part of a profile; a run also needs {needs}"
+            problem = "is a part of a profile"
             if self.role() == "graph only":
-                what = f"describes a graph only; `xitl wdri {self.name}` shows it, a run also needs {needs}"
-            raise UserError(f"{self.name}: {what}; `xitl profiles list` marks those that run")
-        given = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "vessels"} | {
+                problem = f"describes only a graph (see `xitl wdri {self.name}`)"
+            needs = f"a run also needs {', '.join(missing)}"
+            raise UserError(f"{self.name}: {problem}; {needs}; `xitl profiles list` marks the profiles that can run")
+        groups = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "vessels"} | {
             "graph": graph,
             "vessel": vessel,
             "traffic": traffic,
@@ -176,9 +267,9 @@ class Profile(Specification):
             ("faults", dict),
             ("plugins", dict),
         ):
-            given[group] = given[group] or default()
-        called, number = vessel or given["vehicle"].name, FLEET_MMSI + given["autopilot"].system_id
-        return RunProfile(**given | {"ais": _complete_ais(self.ais or AisSpec(), called, number)})
+            groups[group] = groups[group] or default()
+        name, mmsi = vessel or groups["vehicle"].name, FLEET_MMSI + groups["autopilot"].system_id
+        return RunProfile(**groups | {"ais": _complete_ais(self.ais or AisSpec(), name, mmsi)})
 
     def role(self) -> Literal["runs", "graph only", "part"]:
         """Use of the profile: for a run, for its graph, or as a part of other profiles."""
@@ -191,11 +282,7 @@ class Profile(Specification):
 
 @dataclass(frozen=True, slots=True)
 class RunProfile:
-    """A profile that can run, or one vessel of it. `sensors` is None only where there is no autopilot to feed.
-
-    vessel: its name, empty where there is one alone. traffic: the scripted vessels in its water, by name. Here `ais`
-    has name and MMSI.
-    """
+    """A profile that can run, or one vessel of it."""
 
     name: str
     description: str
@@ -205,6 +292,7 @@ class RunProfile:
     vehicle: VesselSpec
     environment: EnvironmentSpec
     sensors: SensorsSpec | None
+    """None only without an autopilot."""
     mission: MissionSpec
     driver: DriverSpec
     autopilot: AutopilotSpec
@@ -218,8 +306,11 @@ class RunProfile:
     plugins: dict[str, Any]
     graph: NodeGraph
     ais: AisSpec
+    """With name and MMSI."""
     vessel: str = ""
+    """Name of the vessel; empty for a single vessel."""
     traffic: dict[str, TrafficSpec] = field(default_factory=dict)
+    """Scripted vessels in its water, by name."""
 
 
 def _complete_ais(ais: AisSpec, name: str, mmsi: int) -> AisSpec:

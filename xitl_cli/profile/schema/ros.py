@@ -1,4 +1,4 @@
-"""`ros`: topics of a run for nodes of ROS 2 or ROS 1, and what they ask of it."""
+"""`ros`: topics of a run for nodes of ROS 2 or ROS 1, and their commands to the run."""
 
 from __future__ import annotations
 
@@ -122,9 +122,9 @@ class RosSpec(Specification):
                 )
         if self.namespace and not _NAMESPACE.fullmatch(self.namespace):
             raise SpecificationError(
-                ("namespace",), f"= {self.namespace!r} is no namespace of ROS; use letters, digits and _, as boats/one"
+                ("namespace",), f"= {self.namespace!r} is not a ROS namespace; use letters, digits and _, as boats/one"
             )
         if self.master is not None and self.master != "ros1://" and not _MASTER.fullmatch(self.master):
             raise SpecificationError(
-                ("master",), f"= {self.master!r} is no master; use ros1://HOST:PORT, as ros1://localhost:11311"
+                ("master",), f"= {self.master!r} is not a master; use ros1://HOST:PORT, as ros1://localhost:11311"
             )

@@ -61,9 +61,10 @@ class RecordedSensorsSpec(Specification):
 
     def check(self) -> None:
         for name in ("imu", "gnss", "magnetometer", "barometer"):
-            if not _SOURCE.fullmatch(asked := getattr(self, name)):
+            source = getattr(self, name)
+            if not _SOURCE.fullmatch(source):
                 raise SpecificationError(
-                    (name,), f"= {asked!r} is no topic; use auto, simulated or a name as /imu/data"
+                    (name,), f"= {source!r} is not a topic; use auto, simulated or a name as /imu/data"
                 )
 
 
@@ -84,7 +85,7 @@ class SensorsSpec(Specification):
 
 
 def sampled_sensors(sensors: SensorsSpec) -> Iterator[tuple[tuple[str | int, ...], Any]]:
-    """Every sensor that is sampled on physics steps and sent at a rate of its own, with the path of its key."""
+    """Yield every sensor that is sampled at its own rate on physics steps, with the path of its key."""
     for name in ("imu", "gnss", "magnetometer", "barometer"):
         yield ("sensors", name), getattr(sensors, name)
     for number, rangefinder in enumerate(sensors.rangefinders):

@@ -1,4 +1,4 @@
-"""`site` and `world`: where the local origin is, what stands around it and what drifts there."""
+"""`site` and `world`: the local origin, the structures around it and the drifting bodies."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class EncountersSpec(Specification):
 
     def check(self) -> None:
         if self.count and not self.kinds:
-            raise SpecificationError(("kinds",), "is empty; name one of trunk, branch, plants, animal, or set count: 0")
+            raise SpecificationError(("kinds",), "is empty; add one of trunk, branch, plants, animal, or set count: 0")
         if self.ahead_m[0] > self.ahead_m[1]:
             raise SpecificationError(
                 ("ahead_m",), f"= {list(self.ahead_m)} is from far to near; write the nearer first"

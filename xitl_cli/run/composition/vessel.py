@@ -340,7 +340,7 @@ def _plugin_parts(setup: VesselSetup) -> list[Part]:
     parts: list[Part] = []
     topics: list[Topic] = []
     for name, keys in setup.profile.plugins.items():
-        if name == setup.profile.driver.kind and name not in names(NODES):
+        if name not in names(NODES) and name in (setup.profile.driver.kind, *setup.profile.live.outputs):
             continue
         kind: NodeKind = load(NODES, name)
         for topic in kind.topics:

@@ -142,7 +142,7 @@ def test_a_nominal_point_beyond_its_axes_is_refused(tmp_path: Path, nominal: str
         ("runs_per_point: 8", "runs_per_point: 0", "search.runs_per_point = 0 is too small"),
         ("runs_per_point: 8", "run_per_point: 8", "did you mean 'runs_per_point'"),
         ("runs_per_point: 8", "nominal: {wind: 3}", "search.nominal.wind is not a searched axis"),
-        ("seeds: 100-101", "combine: one_at_a_time", "combine: one_at_a_time has no effect, because search chooses the points"),
+        ("seeds: 100-101", "combine: one_at_a_time", "one_at_a_time has no effect, because search chooses the points"),
         ("seeds: 100-101", f"constraints: [{WIND} < 3]", "constraints do not apply to search"),
         ("seeds: 100-101", "sensitivity: {}", "search and sensitivity need separate plans"),
         ("to: 20}", "to: -20}", "must be the larger one"),

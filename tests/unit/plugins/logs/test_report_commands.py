@@ -75,7 +75,7 @@ def test_with_a_page_the_findings_and_its_name_are_printed(tmp_path: Path, monke
     code, text = run("analyze", *some, "--report", "b:x:.html", width=60)
     assert code == 0
     assert text.startswith("a:x:.bin  rover")
-    assert text.splitlines()[-1].startswith("b:x:.html: every section")
+    assert text.splitlines()[-1].startswith("b:x:.html: all sections")
     assert "NOTICE" in text
     assert len(text.splitlines()) < 30
     assert "In AUTO" not in text
@@ -142,7 +142,7 @@ def test_all_fields_of_a_message_but_its_time_are_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("nowhere.bin", "ATT.Roll"), "nowhere.bin: does not exist; name a log first"),
+        (("nowhere.bin", "ATT.Roll"), "nowhere.bin: does not exist; write a log first"),
         ((CALM,), "no signal to draw; add some after the file"),
         ((CALM, "ATTT.Roll"), "has no message 'ATTT'; did you mean 'ATT'?"),
         ((CALM, "ATT.Rol"), "ATT has no field 'Rol'; did you mean 'Roll'?"),

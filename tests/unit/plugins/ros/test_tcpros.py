@@ -56,7 +56,7 @@ def wait(condition: Callable[[], object], *nodes: TcprosMiddleware) -> None:
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(master_module, "LOOK_S", 0.02)
+    monkeypatch.setattr(master_module, "RETRY_S", 0.02)
     monkeypatch.setattr(topics_module, "AGAIN_S", 0.02)
 
 

@@ -33,7 +33,7 @@ def orders(name: str) -> VesselOrders:
 def test_a_fault_of_a_sensor_that_the_autopilot_simulates_itself_is_refused_as_in_the_profile() -> None:
     with pytest.raises(UserError) as of_profile:
         load_profile("sitl-ardupilot", ["faults.gnss-dropout.gnss.dropout=1.0"])
-    reason = "faults.gnss-dropout.gnss reaches nobody: this autopilot simulates its own gnss from the true motion; use"
+    reason = "faults.gnss-dropout.gnss has no effect, because this autopilot simulates its own gnss"
     assert reason in str(of_profile.value)
     with pytest.raises(ActionError) as of_operator:
         orders("sitl-ardupilot").read_fault(SwitchFault(name="gnss-dropout"), 1_000_000_000)

@@ -128,7 +128,7 @@ def test_of_a_faster_sensor_the_newest_is_sent_and_the_others_counted(tmp_path: 
     [
         ({"gnss": "/gps"}, "for sensors.recorded.gnss"),
         ({"from_s": 100.0}, "another sensors.recorded.from_s"),
-        ({"file": "no.bag"}, "there is no such file"),
+        ({"file": "no.bag"}, "does not exist"),
         ({}, "site.latitude_deg: 10.00000"),
         ({"gnss": "simulated"}, "select one of them by sensors.recorded.imu"),
     ],

@@ -66,7 +66,7 @@ class McapLog(Log):
         self._source = FileReader(path)
         try:
             if self._source.read(0, len(container.MAGIC)) != container.MAGIC:
-                raise LogError(f"{path}: is no MCAP file; give a recording that begins with the letters MCAP")
+                raise LogError(f"{path}: is not an MCAP file; choose a recording that begins with the letters MCAP")
             self._open()
         except BaseException:
             self._source.close()
@@ -140,7 +140,7 @@ class McapLog(Log):
         back, undecoded = doubtful_rows(self._tables.topics)
         for name, left in self._frames_left.items():
             if left:
-                undecoded.setdefault(name, (left, "its frames are damaged, or of messages not known here"))
+                undecoded.setdefault(name, (left, "its frames are damaged or have unknown messages"))
         return losses.health(
             self._source.size,
             sum(self._index.counts.values()),

@@ -15,8 +15,10 @@ from xmlrpc.client import ServerProxy, Transport
 
 URI_VARIABLE, USUAL_URI = "ROS_MASTER_URI", "http://localhost:11311"
 TIMEOUT_S = 3.0
-LOOK_S = 1.0
+RETRY_S = 1.0
 SIM_TIME = "/use_sim_time"
+MOST_SAID = 400
+"""Limit in characters, because names and requests of peers may have any length."""
 
 
 class MasterAwayError(Exception):
@@ -97,7 +99,7 @@ class Registrar:
         """Name of the node, which changes if a running node has the same name."""
         self.node_uri = ""
         self._notes = notes
-        self._wanted: dict[tuple[str, ...], tuple[Any, Subscription | None]] = {}
+        self._registrations: dict[tuple[str, ...], tuple[Any, Subscription | None]] = {}
         self._known: set[tuple[str, ...]] = set()
         self._left: list[str] = []
         self._master_id: int | None = None
@@ -105,7 +107,7 @@ class Registrar:
         self._change = threading.Event()
         self._over = threading.Event()
         self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._keep, name="ros master", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="ros master", daemon=True)
 
     def start(self, node_uri: str) -> None:
         """Start with node_uri, the URI of the node's XML-RPC server."""
@@ -126,7 +128,7 @@ class Registrar:
     def set_parameter(self, name: str, value: Any) -> None:
         """Set a parameter, or change its value. It is deleted at the end."""
         with self._lock:
-            self._wanted[("setParam", name)] = value, None
+            self._registrations[("setParam", name)] = value, None
             self._known.discard(("setParam", name))
         self._change.set()
 
@@ -159,10 +161,10 @@ class Registrar:
 
     def _want(self, key: tuple[str, ...], subscription: Subscription | None) -> None:
         with self._lock:
-            self._wanted[key] = None, subscription
+            self._registrations[key] = None, subscription
         self._change.set()
 
-    def _keep(self) -> None:
+    def _run(self) -> None:
         while not self._over.is_set():
             self._change.clear()
             try:
@@ -174,7 +176,7 @@ class Registrar:
                     "away",
                 )
                 self._master_id = None
-            self._change.wait(LOOK_S)
+            self._change.wait(RETRY_S)
 
     def _send_missing(self) -> None:
         """Send missing registrations to the master."""
@@ -190,7 +192,7 @@ class Registrar:
             self._notes.forget("away")
         self._master_id = master_id
         with self._lock:
-            pending = {key: value for key, value in self._wanted.items() if key not in self._known}
+            pending = {key: value for key, value in self._registrations.items() if key not in self._known}
         for key, (value, subscription) in pending.items():
             if self._over.is_set():
                 return
@@ -246,10 +248,6 @@ class Registrar:
         return call(self.uri, method, self.node, *arguments)
 
 
-MOST_SAID = 400
-"""Limit in characters, because names and requests of peers may have any length."""
-
-
 class NodeNotes:
     """Reports of a node: sentences, each once, and counts by topic."""
 
@@ -259,20 +257,20 @@ class NodeNotes:
         self.refused: Counter[str] = Counter()
         """Messages and peers."""
         self._sentences: list[str] = []
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._lock = threading.Lock()
 
     def tell(self, sentence: str, again: str = "") -> None:
         """Report a sentence once, until `forget(again)`."""
         key = again or sentence
         with self._lock:
-            if key not in self._told:
-                self._told.add(key)
+            if key not in self._reported:
+                self._reported.add(key)
                 self._sentences.append(sentence[:MOST_SAID])
 
     def forget(self, again: str) -> None:
         with self._lock:
-            self._told.discard(again)
+            self._reported.discard(again)
 
     def refuse(self, topic: str, sentence: str) -> None:
         """Report a refusal once, and count it: the report explains the count."""

@@ -22,10 +22,13 @@ from xitl_cli.plugins.ros.tcpros.wire import (
     shut,
 )
 
-LOOK_S = 2.0
+CHECK_S = 2.0
 MOST_QUEUED_BYTES = 64 << 20
 MOST_SUBSCRIBERS = 128
 ANY = "*"
+HEADER_S = 10.0
+AGAIN_S = 1.0
+MOST_PUBLISHERS = 64
 
 
 class SubscriberLink:
@@ -64,7 +67,7 @@ class SubscriberLink:
             while not self.closed:
                 with self._change:
                     if not self._waiting:
-                        self._change.wait(LOOK_S)
+                        self._change.wait(CHECK_S)
                     data = b"".join(self._waiting)
                     self._waiting.clear()
                     self._waiting_bytes = 0
@@ -144,11 +147,6 @@ class TopicPublisher:
             link.close()
 
 
-HEADER_S = 10.0
-AGAIN_S = 1.0
-MOST_PUBLISHERS = 64
-
-
 class TopicSubscriber:
     """Subscriber of a topic.
 
@@ -218,14 +216,14 @@ class PublisherLink:
         self._uri = uri
         self._over = threading.Event()
         self._connection: socket.socket | None = None
-        threading.Thread(target=self._keep, name=f"from {uri}", daemon=True).start()
+        threading.Thread(target=self._run, name=f"from {uri}", daemon=True).start()
 
     def close(self) -> None:
         self._over.set()
         if self._connection is not None:
             shut(self._connection)
 
-    def _keep(self) -> None:
+    def _run(self) -> None:
         topic = self._subscriber.topic
         while not self._over.is_set():
             try:

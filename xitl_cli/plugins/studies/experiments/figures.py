@@ -110,9 +110,9 @@ def _page(reports: Sequence[ExperimentReport]) -> Iterator[str]:
     yield "<h1>The paper's experiments, repeated</h1>"
     yield (
         "<p>Ribeiro et al., <cite>A novel integrated architecture to X-in-the-loop simulation applied to ASV "
-        "navigation</cite>, Robotica, 2024: its values beside those of these runs.</p>"
+        "navigation</cite>, Robotica, 2024: its values and the values of these runs.</p>"
     )
-    links = (f'<a href="#{_anchor(one)}">{escape(one.section)}</a>' for one in reports)
+    links = (f'<a href="#{_anchor(report)}">{escape(report.section)}</a>' for report in reports)
     yield f"<nav>{''.join(links)}</nav>" if len(reports) > 1 else ""
     for report in reports:
         yield f'<section id="{_anchor(report)}"><h2>{escape(report.section)} {escape(report.title)}</h2>'

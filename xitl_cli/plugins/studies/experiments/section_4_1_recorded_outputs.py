@@ -95,7 +95,8 @@ class ReplayComparison:
 
 def recorded_outputs_report(setup: ExperimentSetup) -> ExperimentReport:
     """Replay `setup.real`, or a run that replaces it. Raises UserError and InterruptedRunError."""
-    vehicle = _vehicle(setup.vehicle)
+    named = "/" in setup.vehicle or setup.vehicle.endswith((".yaml", ".yml"))
+    vehicle = setup.vehicle if named else f"vehicles/{setup.vehicle}"
     runs: list[str] = []
     factors: dict[str, float] = {}
     if setup.real is None:
@@ -103,7 +104,7 @@ def recorded_outputs_report(setup: ExperimentSetup) -> ExperimentReport:
         result = setup.run_profile(STAND_IN, stand_in_profile(vehicle, setup, factors), timed=True)
         runs.append(str(result.directory))
         real = result.directory / "autopilot.bin"
-        setup.tell(f"a run stands in for the real boat: {result.directory}")
+        setup.tell(f"a run replaces the real boat: {result.directory}")
     else:
         real = setup.real
     pulses = read_pulse_log(real)
@@ -118,8 +119,8 @@ def recorded_outputs_report(setup: ExperimentSetup) -> ExperimentReport:
     runs.append(str(result.directory))
     setup.tell(f"replayed {end_s - start_s:.1f} s of {real}: {result.directory}")
     with open_log(real) as log, open_log(result.recording) as simulated:
-        found = compare_replay(log, simulated, start_s)
-    return _report(setup, found, runs, factors, result.completed)
+        comparison = compare_replay(log, simulated, start_s)
+    return _report(setup, comparison, runs, factors, result.completed)
 
 
 def drawn_factors(seed: int) -> dict[str, float]:
@@ -138,7 +139,7 @@ def stand_in_profile(vehicle: str, setup: ExperimentSetup, factors: Mapping[str,
     vessel = load_profile(vehicle).vehicle
     if vessel is None or vessel.commands != 2 or len(vessel.propellers) != 2:
         raise UserError(
-            f"{vehicle}: is not steered by two propellers, as the vessel that stands in is; give a --real log"
+            f"{vehicle}: is not steered by two propellers, which the replacement run needs; use --real with a log"
         )
     direction_deg = float(np.random.default_rng([setup.seed, 42]).uniform(0.0, 360.0))
     thrusts = ""
@@ -231,17 +232,17 @@ def compare_replay(real: Log, simulated: Log, start_s: float) -> ReplayCompariso
     assert real.span_ns is not None
     assert simulated.span_ns is not None
     shift_s = (start_ns - real.span_ns[0] + simulated.span_ns[0]) * 1e-9
-    found = compare(real, simulated, shift_s=shift_s, of_b="truth")
-    if found.trajectories is None:
+    comparison = compare(real, simulated, shift_s=shift_s, of_b="truth")
+    if comparison.trajectories is None:
         raise UserError(f"{real.path}: its positions and the replay have no common time; choose another --from")
-    paths = [one.pos_m[:, :2] for one in found.trajectories]
-    motion = {row[0]: row for section in found.sections for grid in section.grids for row in grid.rows}
+    paths = [trajectory.pos_m[:, :2] for trajectory in comparison.trajectories]
+    motion = {row[0]: row for section in comparison.sections for grid in section.grids for row in grid.rows}
     rms = motion.get("speed over ground", (None,) * 4)[3]
     return ReplayComparison(
-        ((found.trajectories[0].stamp_ns - start_ns) * 1e-9).astype(np.float64),
+        ((comparison.trajectories[0].stamp_ns - start_ns) * 1e-9).astype(np.float64),
         paths[0] - paths[0][0],
         paths[1] - paths[0][0],
-        {fact.key: fact.value for section in found.sections for fact in section.facts},
+        {fact.key: fact.value for section in comparison.sections for fact in section.facts},
         _since(time_series(signals.ground_speed(real)), start_ns * 1e-9),
         time_series(signals.ground_speed(simulated, "truth")),
         float(rms) if isinstance(rms, float | int) else None,
@@ -253,44 +254,41 @@ def compare_replay(real: Log, simulated: Log, start_s: float) -> ReplayCompariso
     )
 
 
-def _since(found: TimeSeries | None, start_s: float) -> TimeSeries | None:
+def _since(series: TimeSeries | None, start_s: float) -> TimeSeries | None:
     """Shift the zero to the start, and drop earlier samples."""
-    if found is None or not len(after := found.since(start_s)):
+    if series is None or not len(after := series.since(start_s)):
         return None
     return TimeSeries(after.time_s - start_s, after.values)
 
 
-def _vehicle(name: str) -> str:
-    return name if "/" in name or name.endswith((".yaml", ".yml")) else f"vehicles/{name}"
-
-
 def _report(
-    setup: ExperimentSetup, found: ReplayComparison, runs: list[str], factors: dict[str, float], completed: bool
+    setup: ExperimentSetup, comparison: ReplayComparison, runs: list[str], factors: dict[str, float], completed: bool
 ) -> ExperimentReport:
-    whose = str(setup.real) if setup.real is not None else "a run that stands in for the real boat"
-    note = (
-        f"The real side is {setup.real}."
-        if setup.real is not None
-        else "No real boat: the real side is a run with mass, damping and thrust drawn 5 % about the model's, 1 m/s of "
-        "gusty wind, a weak current and noisy sensors, as its autopilot logged it; --real LOG takes a real one."
-    )
+    source = str(setup.real)
+    note = f"The real side is {setup.real}."
+    if setup.real is None:
+        source = "a run that replaces the real boat"
+        note = (
+            "No real boat: the real side is a run with mass, damping and thrust drawn 5 % about the model's, 1 m/s of "
+            "gusty wind, a weak current and noisy sensors, as its autopilot logged it; use --real LOG for a real boat."
+        )
     return ExperimentReport(
         section="4.1",
         title="Recorded outputs drive the simulated scale vessel",
-        notes=(note, "x is east, y is north, from where the replay begins."),
-        rows=tuple(_rows(found)),
+        notes=(note, "x is east and y is north of the start of the replay."),
+        rows=tuple(_rows(comparison)),
         figures=(
             PaperFigure(
                 "4.1-path",
-                f"Path of the recording ({whose}) and of the simulation under its outputs (the paper's figure 15b).",
-                lambda figure: _draw_paths(figure, found),
+                f"Path of the recording ({source}) and of the simulation under its outputs (the paper's figure 15b).",
+                lambda figure: _draw_paths(figure, comparison),
                 (4.6, 4.2),
             ),
             PaperFigure(
                 "4.1-profiles",
                 "Errors of position with the paper's largest, speeds, and the outputs that drive both (the paper's "
                 "figures 15c and 15d).",
-                lambda figure: _draw_profiles(figure, found),
+                lambda figure: _draw_profiles(figure, comparison),
                 (7.0, 6.4),
             ),
         ),
@@ -299,52 +297,47 @@ def _report(
         details={
             "real": None if setup.real is None else str(setup.real),
             "drawn": factors,
-            "comparison": dict(found.facts),
+            "comparison": dict(comparison.facts),
         },
     )
 
 
-def _rows(found: ReplayComparison) -> Iterator[PaperRow]:
-    covered_s = float(found.time_s[-1] - found.time_s[0])
+def _rows(comparison: ReplayComparison) -> Iterator[PaperRow]:
+    covered_s = float(comparison.time_s[-1] - comparison.time_s[0])
     for axis, printed, column in (("x", IAE_X_MS, 0), ("y", IAE_Y_MS, 1)):
-        iae = found.facts[f"iae_{axis}_ms"]
+        iae = comparison.facts[f"iae_{axis}_ms"]
         assert isinstance(iae, float | int)
-        yield PaperRow(f"IAE {axis}", printed, round(iae, 2), "m s", _iae_said(float(iae), printed, covered_s))
-        farthest_m = float(np.abs(found.errors_m[:, column]).max())
-        yield PaperRow(f"largest error in {axis}", FARTHEST_M, round(farthest_m, 2), "m", _farthest_said(farthest_m))
+        yield PaperRow(f"IAE {axis}", printed, round(iae, 2), "m s", _iae_text(float(iae), printed, covered_s))
+        farthest_m = float(np.abs(comparison.errors_m[:, column]).max())
+        yield PaperRow(f"largest error in {axis}", FARTHEST_M, round(farthest_m, 2), "m", _farthest_text(farthest_m))
     yield PaperRow(
-        "replayed for", None, round(covered_s, 1), "s", "The paper prints no duration, on which an IAE depends."
+        "replayed for", None, round(covered_s, 1), "s", "The paper gives no duration, but an IAE depends on it."
     )
-    yield PaperRow("speeds differ by, RMS", "alike", _rounded(found.speed_rms_mps), "m/s", _speed_said(found))
+    speed_rms_mps, speed_text = comparison.speed_rms_mps, "The recording has no speed."
+    if speed_rms_mps is not None and comparison.real_speed is not None:
+        fastest = float(comparison.real_speed.values.max())
+        share = 100.0 * speed_rms_mps / max(fastest, 1e-9)
+        speed_text = f"{share:.0f} % of its top speed of {fastest:.2f} m/s."
+    rounded_mps = None if speed_rms_mps is None else round(speed_rms_mps, 3)
+    yield PaperRow("speeds differ by, RMS", "alike", rounded_mps, "m/s", speed_text)
 
 
-def _iae_said(iae_ms: float, printed_ms: float, covered_s: float) -> str:
+def _iae_text(iae_ms: float, printed_ms: float, covered_s: float) -> str:
     ratio = iae_ms / printed_ms
-    way = "Alike" if abs(ratio - 1.0) <= _ALIKE else f"{ratio:{'.0f' if ratio >= 10.0 else '.2g'}} times the paper's"
-    return f"{way}: {iae_ms / covered_s:.2f} m mean over {covered_s:.0f} s, another boat and another course."
+    size = "Alike" if abs(ratio - 1.0) <= _ALIKE else f"{ratio:{'.0f' if ratio >= 10.0 else '.2g'}} times the paper's"
+    return f"{size}: {iae_ms / covered_s:.2f} m mean over {covered_s:.0f} s, with another boat and course."
 
 
-def _farthest_said(farthest_m: float) -> str:
+def _farthest_text(farthest_m: float) -> str:
     if farthest_m <= FARTHEST_M:
         return "Within the paper's bound."
     return "Beyond the paper's bound: only the outputs steer, so an error of heading becomes an error of position."
 
 
-def _speed_said(found: ReplayComparison) -> str:
-    if found.speed_rms_mps is None or found.real_speed is None:
-        return "The recording has no speed."
-    fastest = float(found.real_speed.values.max())
-    return f"{100.0 * found.speed_rms_mps / max(fastest, 1e-9):.0f} % of its top speed of {fastest:.2f} m/s."
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 3)
-
-
-def _draw_paths(figure: Figure, found: ReplayComparison) -> None:
+def _draw_paths(figure: Figure, comparison: ReplayComparison) -> None:
     axes = figure.add_subplot()
-    axes.plot(*found.real_m.T, color=OTHER, label="recording", linewidth=2.2)
-    axes.plot(*found.simulated_m.T, color=OURS, label="simulation")
+    axes.plot(*comparison.real_m.T, color=OTHER, label="recording", linewidth=2.2)
+    axes.plot(*comparison.simulated_m.T, color=OURS, label="simulation")
     axes.plot([0.0], [0.0], "o", color="black", markersize=4, label="start")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x, east (m)")
@@ -352,28 +345,28 @@ def _draw_paths(figure: Figure, found: ReplayComparison) -> None:
     axes.legend()
 
 
-def _draw_profiles(figure: Figure, found: ReplayComparison) -> None:
+def _draw_profiles(figure: Figure, comparison: ReplayComparison) -> None:
     errors, speeds, outputs = figure.subplots(3, 1, sharex=True)
     for column, (axis, colour) in enumerate((("x", OURS), ("y", THIRD))):
-        errors.plot(found.time_s, found.errors_m[:, column], color=colour, label=f"error in {axis}")
+        errors.plot(comparison.time_s, comparison.errors_m[:, column], color=colour, label=f"error in {axis}")
     for sign in (1, -1):
         label = f"paper: within {FARTHEST_M:g} m" if sign > 0 else None
         errors.axhline(sign * FARTHEST_M, color=PAPER, linestyle="--", linewidth=1.0, label=label)
     errors.set_ylabel("simulated less real (m)")
-    end_s = float(found.time_s[-1])
-    for each, words, colour, width in (
-        (found.real_speed, "recording", OTHER, 2.2),
-        (found.simulated_speed, "simulation", OURS, 1.2),
+    end_s = float(comparison.time_s[-1])
+    for series, words, colour, width in (
+        (comparison.real_speed, "recording", OTHER, 2.2),
+        (comparison.simulated_speed, "simulation", OURS, 1.2),
     ):
-        if each is not None:
-            shown = each.between(0.0, end_s)
+        if series is not None:
+            shown = series.between(0.0, end_s)
             speeds.plot(shown.time_s, shown.values, color=colour, linewidth=width, label=words)
     speeds.set_ylabel("speed (m/s)")
-    for channel, each in found.outputs.items():
-        shown = each.between(0.0, end_s)
+    for channel, series in comparison.outputs.items():
+        shown = series.between(0.0, end_s)
         outputs.step(shown.time_s, shown.values, where="post", label=f"output {channel}")
     outputs.set_ylabel(
-        "output (µs)" if any(np.abs(each.values).max() > 2.0 for each in found.outputs.values()) else "command"
+        "output (µs)" if any(np.abs(series.values).max() > 2.0 for series in comparison.outputs.values()) else "command"
     )
     outputs.set_xlabel("time since the start of the replay (s)")
     for axes in (errors, speeds, outputs):

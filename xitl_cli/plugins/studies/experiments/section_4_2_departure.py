@@ -173,7 +173,7 @@ def _ways(firmware: str | None) -> tuple[tuple[str, ...], str]:
         if firmware is not None:
             raise
         return (EMBEDDED,), (
-            "The embedded autopilot stands in for ArduPilot, on our sensors alone: "
+            "The embedded autopilot replaces ArduPilot, with our sensors only: "
             f"{str(error).removeprefix('autopilot.firmware: ')}. "
         )
     return (OWN, OURS), "Stock ArduPilot Rover, with its own simulated sensors and with ours as an external AHRS. "
@@ -277,9 +277,9 @@ def _report(departures: Sequence[DepartureRun], traces: Sequence[DepartureTraces
 
 
 def _rows(departures: Sequence[DepartureRun], traces: Sequence[DepartureTraces]) -> Iterable[PaperRow]:
-    motion = {(one.environment, one.sensors): one.times_s[MOTION] for one in departures}
-    by_key = {(one.environment, one.sensors): each for one, each in zip(departures, traces, strict=True)}
-    ways = list(dict.fromkeys(one.sensors for one in departures))
+    motion = {(run.environment, run.sensors): run.times_s[MOTION] for run in departures}
+    by_key = {(run.environment, run.sensors): trace for run, trace in zip(departures, traces, strict=True)}
+    ways = list(dict.fromkeys(run.sensors for run in departures))
     for way in ways:
         late_s = _less(motion.get((GUSTS, way)), motion.get((IDEAL, way)))
         printed = LATE_S if way == OWN else None
@@ -288,15 +288,19 @@ def _rows(departures: Sequence[DepartureRun], traces: Sequence[DepartureTraces])
         sooner_s = _less(motion.get((GUSTS, OWN)), motion.get((GUSTS, OURS)))
         yield PaperRow("gusts, sooner with ours by", SOONER_S, sooner_s, "s", _sooner(sooner_s))
     for way in ways:
-        found = by_key.get((IDEAL, way))
-        fastest = None if found is None or found.speed is None else round(float(found.speed.values.max()), 2)
+        trace = by_key.get((IDEAL, way))
+        fastest = None if trace is None or trace.speed is None else round(float(trace.speed.values.max()), 2)
         yield PaperRow(f"top speed, {WAYS[way]}", SPEED_MPS, fastest, "m/s", _fast(fastest))
     for way in ways:
-        found = by_key.get((WAVES, way))
-        if found is not None and found.true_altitude is not None:
-            yield _wave_row(found.true_altitude.since(motion.get((WAVES, way))), way)
+        trace = by_key.get((WAVES, way))
+        if trace is not None and trace.true_altitude is not None:
+            yield _wave_row(trace.true_altitude.since(motion.get((WAVES, way))), way)
     for way in ways:
-        longest = {environment: _longest_us(by_key.get((environment, way))) for environment in (IDEAL, GUSTS)}
+        longest: dict[str, float | None] = {}
+        for environment in (IDEAL, GUSTS):
+            trace = by_key.get((environment, way))
+            max_t = None if trace is None else trace.max_t
+            longest[environment] = None if max_t is None else float(max_t.values.max())
         if longest[GUSTS] is not None:
             yield PaperRow(
                 f"MaxT, {WAYS[way]}",
@@ -311,10 +315,10 @@ def _late(late_s: float | None, printed: float | None) -> str:
     if late_s is None:
         return "A run did not start to move."
     if abs(late_s) < _ALIKE_S:
-        said = "Currents, waves and gusts do not delay it"
-        return f"{said}: this estimator sets its origin in any of the three." if printed else f"{said}."
-    beside = f", {late_s / printed:.1f} times the paper's delay" if printed else ""
-    return f"It starts {abs(late_s):.0f} s {'later' if late_s > 0 else 'sooner'} in gusts{beside}."
+        text = "Currents, waves and gusts do not delay it"
+        return f"{text}: this estimator sets its origin in any of the three." if printed else f"{text}."
+    ratio = f", {late_s / printed:.1f} times the paper's delay" if printed else ""
+    return f"It starts {abs(late_s):.0f} s {'later' if late_s > 0 else 'sooner'} in gusts{ratio}."
 
 
 def _sooner(sooner_s: float | None) -> str:
@@ -340,14 +344,13 @@ def _fast(fastest_mps: float | None) -> str:
 
 def _wave_row(altitude: TimeSeries, way: str) -> PaperRow:
     period_s = dominant_period_s(altitude)
-    said = (
-        "The altitude does not move."
-        if period_s is None
-        else f"Peak of the altitude's spectrum, {np.std(altitude.values):.3f} m RMS. Many components near one "
-        "peak give a sinusoid of varying amplitude. The paper prints no figures."
+    if period_s is None:
+        return PaperRow(f"wave period, {WAYS[way]}", "sinusoid", None, "s", "The altitude does not move.")
+    text = (
+        f"Peak of the altitude's spectrum, {np.std(altitude.values):.3f} m RMS. Many components near one peak give a "
+        "sinusoid of varying amplitude. The paper gives no figures."
     )
-    ours = None if period_s is None else round(period_s, 2)
-    return PaperRow(f"wave period, {WAYS[way]}", "sinusoid", ours, "s", said)
+    return PaperRow(f"wave period, {WAYS[way]}", "sinusoid", round(period_s, 2), "s", text)
 
 
 def _loop(ideal_us: float | None, gusts_us: float | None) -> str:
@@ -355,14 +358,8 @@ def _loop(ideal_us: float | None, gusts_us: float | None) -> str:
     if ideal_us == gusts_us:
         return f"As in still water; {simulated}."
     return (
-        f"{ideal_us:.0f} us in still water; {simulated}."
-        if ideal_us is not None
-        else f"Logged here alone; {simulated}."
+        f"{ideal_us:.0f} us in still water; {simulated}." if ideal_us is not None else f"Logged only here; {simulated}."
     )
-
-
-def _longest_us(found: DepartureTraces | None) -> float | None:
-    return None if found is None or found.max_t is None else float(found.max_t.values.max())
 
 
 def _less(a: float | None, b: float | None) -> float | None:

@@ -205,36 +205,36 @@ def _real_time_notes(result: Result) -> tuple[str, ...]:
     verdict = result.summary.get("verdict") or {}
     if verdict.get("real_time") is not False:
         return ()
-    why = "; ".join(verdict.get("shortfalls") or ())
-    return (f"The HITL run did not keep real time on this machine ({why}): its timing and maps tell of that.",)
+    reason = "; ".join(verdict.get("shortfalls") or ())
+    return (f"The HITL run did not keep real time on this machine ({reason}), which affects its timing and maps.",)
 
 
 def find_hardware(setup: ExperimentSetup) -> HardwareSide:
-    """Return the substitute for the hardware. Raises UserError for a given firmware that does not exist."""
+    """Return the substitute for the hardware. Raises UserError for a firmware firmware that does not exist."""
     if setup.board is not None:
         board = f"autopilot: {{runs: board, link: {setup.board!r}, connect_timeout_s: 20}}"
         keys = f"technique: hitl\n{board}\nclock: {{mode: realtime}}\n"
         return HardwareSide("sitl", keys, f"the embedded autopilot on the board at {setup.board}, in real time")
-    given = () if setup.firmware is None else (setup.firmware,)
+    firmware = () if setup.firmware is None else (setup.firmware,)
     for build, profile, words in (
         ("linux", "hitl-ardupilot-linux-loopback", "ArduPilot's Linux build here, a MicroStrain port between"),
         ("sitl", "hitl-ardupilot-ahrs-loopback", "ArduPilot's simulated build in real time, a VectorNav port between"),
     ):
-        if build == "linux" and given:
+        if build == "linux" and firmware:
             continue  # the given firmware is a simulated build: it also runs the software side
         try:
-            program = find_firmware("rover", build, *given)
-            simulated = find_firmware("rover", "sitl", *given)
+            program = find_firmware("rover", build, *firmware)
+            simulated = find_firmware("rover", "sitl", *firmware)
         except UserError:
-            if given:
+            if firmware:
                 raise
             continue
         named = [f"autopilot: {{firmware: {str(one)!r}}}\n" for one in (program, simulated)]
         return HardwareSide(profile, named[0], words, "sitl-ardupilot-ahrs", named[1])
     keys = "technique: hitl\nautopilot: {runs: process, link: 'udp://127.0.0.1:0'}\nclock: {mode: realtime}\n"
     said = (
-        "no board and no ArduPilot here (--board URL; `xitl firmware get rover`), so the embedded autopilot as a "
-        "process of its own over UDP, in real time"
+        "the embedded autopilot as a separate process over UDP, in real time, because there is no board and no "
+        "ArduPilot here (--board URL; `xitl firmware get rover`)"
     )
     return HardwareSide("sitl", keys, said)
 
@@ -248,7 +248,7 @@ def loop_profile(name: str, extends: str, keys: str, maps: bool) -> str:
         f"# Section 4.3 of the paper: a mission along the log boom, {name.upper()}.\n"
         f"extends: [{', '.join(parts)}, environments/current-waves]\n"
         f"description: A mission along the log boom, {name.upper()}\n\n"
-        f"mission: {{waypoints_ned_m: {[list(each) for each in WAYPOINTS_NE_M]}}}\n"
+        f"mission: {{waypoints_ned_m: {[list(place) for place in WAYPOINTS_NE_M]}}}\n"
         f"{companion}{keys}"
     )
 
@@ -289,29 +289,29 @@ def boom_map(name: str, recording: Path) -> BoomMap | None:
     from xitl_cli.scenery import Scenery
 
     with open_log(recording) as log:
-        found = measure(log)
-        if found.online is None or found.truth is None or not len(found.online.stamp_ns):
+        measured = measure(log)
+        if measured.online is None or measured.truth is None or not len(measured.online.stamp_ns):
             return None
         online = np.concatenate([part.points_odom_m for part in map_points(log).values()])
         profile = profile_of(log)
         boom = None if profile is None else Scenery(profile).boom
         return BoomMap(
             name,
-            _placed(found, found.online.stamp_ns[0], online),
-            _placed(found, found.rebuilt.trajectory.stamp_ns[0], found.rebuilt.points_odom_m),
+            _placed(measured, measured.online.stamp_ns[0], online),
+            _placed(measured, measured.rebuilt.trajectory.stamp_ns[0], measured.rebuilt.points_odom_m),
             np.empty((0, 2)) if boom is None else np.asarray(boom.centre_ned_m[:, :2], dtype=np.float64),
-            {key: found.report[key] for key in ("online", "offline", "difference")},
+            {key: measured.report[key] for key in ("online", "offline", "difference")},
         )
 
 
-def _placed(found: Measured, began_ns: int, points_odom_m: Any) -> Floats:
+def _placed(measured: Measured, began_ns: int, points_odom_m: Any) -> Floats:
     """Convert to NED by the true pose at the start of the odometry."""
     from sim_core.frames import quat_to_matrix
     from xitl_cli.mapping.clouds import at
 
-    assert found.truth is not None
-    began_ns = int(np.clip(began_ns, found.truth.stamp_ns[0], found.truth.stamp_ns[-1]))
-    pose = at(found.truth, np.array([began_ns], dtype=np.int64))
+    assert measured.truth is not None
+    began_ns = int(np.clip(began_ns, measured.truth.stamp_ns[0], measured.truth.stamp_ns[-1]))
+    pose = at(measured.truth, np.array([began_ns], dtype=np.int64))
     ned: Floats = points_odom_m @ quat_to_matrix(pose.quat_wxyz)[0].T + pose.pos_m[0]
     return ned
 
@@ -329,11 +329,11 @@ def _mission_s(log: Log) -> float | None:
     return min(starts) * 1e-9 if starts else None
 
 
-def _from(found: TimeSeries | None, begun_s: float | None) -> TimeSeries | None:
+def _from(series: TimeSeries | None, begun_s: float | None) -> TimeSeries | None:
     """Shift to a clock that begins with the mission."""
-    if found is None or begun_s is None:
+    if series is None or begun_s is None:
         return None
-    return TimeSeries(found.time_s - begun_s, found.values)
+    return TimeSeries(series.time_s - begun_s, series.values)
 
 
 def _events(log: Log) -> Iterator[tuple[float, str]]:
@@ -360,8 +360,8 @@ def _compared(software: Path, hardware: Path) -> Comparison | None:
     from xitl_cli.logs.model.errors import LogError
 
     logs = [
-        each / "autopilot.bin" if (each / "autopilot.bin").exists() else each / "run.mcap"
-        for each in (software, hardware)
+        side / "autopilot.bin" if (side / "autopilot.bin").exists() else side / "run.mcap"
+        for side in (software, hardware)
     ]
     with open_log(logs[0]) as a, open_log(logs[1]) as b:
         try:
@@ -373,19 +373,26 @@ def _compared(software: Path, hardware: Path) -> Comparison | None:
 def _rows(
     results: Sequence[Result],
     sides: Sequence[LoopSide],
-    found: Comparison | None,
+    comparison: Comparison | None,
     maps: Sequence[BoomMap],
     hardware: HardwareSide,
 ) -> Iterator[PaperRow]:
     done = [bool((result.summary.get("mission") or {}).get("completed")) for result in results]
-    told = "both" if all(done) else ", ".join(side.name.upper() for side, one in zip(sides, done, strict=True) if one)
-    yield PaperRow(
-        "mission completed", "both", told or "none", "", "As in the paper." if all(done) else "See the runs."
-    )
-    facts = {fact.key: fact.value for section in (found.sections if found else ()) for fact in section.facts}
+    completed = [side.name.upper() for side, is_done in zip(sides, done, strict=True) if is_done]
+    names = "both" if all(done) else ", ".join(completed) or "none"
+    yield PaperRow("mission completed", "both", names, "", "As in the paper." if all(done) else "See the runs.")
+    facts = {fact.key: fact.value for section in (comparison.sections if comparison else ()) for fact in section.facts}
     off_m = facts.get("path_rms_m")
-    yield PaperRow("paths apart, RMS", "alike", _number(off_m), "m", "HITL off SITL's path; the paper draws it.")
-    motion = {row[0]: row for one in (found.sections if found else ()) for grid in one.grids for row in grid.rows}
+    yield PaperRow(
+        "paths apart, RMS",
+        "alike",
+        _number(off_m),
+        "m",
+        "HITL off SITL's path; the paper draws it.",
+    )
+    motion = {
+        row[0]: row for one in (comparison.sections if comparison else ()) for grid in one.grids for row in grid.rows
+    }
     for name, words, unit in (("speed over ground", "speeds apart, RMS", "m/s"), ("yaw", "yaws apart, RMS", "deg")):
         rms = motion.get(name, (None,) * 4)[3]
         yield PaperRow(words, "alike", _number(rms), unit, "From the start of each mission; includes waves and noise.")
@@ -393,10 +400,10 @@ def _rows(
     late_s = None
     if software.mission_s is not None and hardware_side.mission_s is not None:
         late_s = round(hardware_side.mission_s - software.mission_s, 1)
-    yield PaperRow("HITL begins later by", "later", late_s, "s", _late_said(late_s))
+    yield PaperRow("HITL begins later by", "later", late_s, "s", _late_text(late_s))
     for side, printed in ((software, None), (hardware_side, MAX_LOOP_US)):
         longest = None if side.max_t is None else float(side.max_t.values.max())
-        yield PaperRow(f"MaxT, {side.name.upper()}", printed, longest, "us", _loop_said(side, longest, hardware))
+        yield PaperRow(f"MaxT, {side.name.upper()}", printed, longest, "us", _loop_text(side, longest, hardware))
     yield PaperRow(
         "deadlines missed in HITL",
         "some",
@@ -424,33 +431,33 @@ def _rows(
             "slightly" if one.name == SITL else "alike",
             _number(apart),
             "m",
-            _map_said(one.name, _number(apart)),
+            _map_text(one.name, _number(apart)),
         )
 
 
-def _late_said(late_s: float | None) -> str:
+def _late_text(late_s: float | None) -> str:
     if late_s is None:
-        return "One of them did not begin its mission."
+        return "One of them did not start its mission."
     if late_s > 0.5:
         return "Later, as in the paper, by the autopilot's own clock."
     return "Not later: this autopilot needs the same time in real time and in lockstep."
 
 
-def _loop_said(side: LoopSide, longest: float | None, hardware: HardwareSide) -> str:
+def _loop_text(side: LoopSide, longest: float | None, hardware: HardwareSide) -> str:
     if longest is None:
         return "Not logged."
     if side.name == SITL:
         return "Simulated time: no evidence of processor load."
-    beside = f"{longest / MAX_LOOP_US:.2g} times the paper's" if longest else "None"
+    ratio = f"{longest / MAX_LOOP_US:.2g} times the paper's" if longest else "None"
     linux = f"; ArduPilot's Linux build on a PC took {LINUX_LOOP_US / 1e3:.0f} ms while arming"
-    return f"{beside}{'' if 'Linux' in hardware.said else linux}."
+    return f"{ratio}{'' if 'Linux' in hardware.said else linux}."
 
 
-def _map_said(name: str, apart_m: float | None) -> str:
+def _map_text(name: str, apart_m: float | None) -> str:
     if apart_m is None:
         return "No map."
     if apart_m < 1e-3:
-        return "The same map: a lockstep recording holds all that the companion heard."
+        return "The same map: a lockstep recording contains all messages to the companion."
     if name == SITL:
         return "Clouds and the autopilot's messages reach recording and companion at different times."
     return "In real time, clouds reach companion and recording at different times."

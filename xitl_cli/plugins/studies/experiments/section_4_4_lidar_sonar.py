@@ -285,15 +285,15 @@ def _rows(cloud: FusedCloud) -> Iterator[PaperRow]:
     kinds = ", ".join(f"{count} {name}" for name, count in cloud.proximity.items()) or "none"
     yield PaperRow("proximity messages", "sent", sent, "", f"To the autopilot: {kinds}.")
     told_m, true_m = cloud.told_toward(BRANCH_NE_M), float(np.hypot(*BRANCH_NE_M))
-    yield PaperRow("reported range of the branch", None, told_m, "m", _told_said(told_m, true_m))
+    yield PaperRow("reported range of the branch", None, told_m, "m", _reported_text(told_m, true_m))
 
 
-def _told_said(told_m: float | None, true_m: float) -> str:
+def _reported_text(told_m: float | None, true_m: float) -> str:
     if told_m is None:
         return "No range was reported in its direction."
     if abs(told_m - true_m) <= BRANCH_LENGTH_M:
         return f"The branch, {true_m:.1f} m away."
-    return f"Not the branch, {true_m:.1f} m away: something else that the companion takes for an obstacle."
+    return f"Not the branch, {true_m:.1f} m away: another return that the companion classifies as an obstacle."
 
 
 def _draw_cloud(figure: Figure, cloud: FusedCloud) -> None:

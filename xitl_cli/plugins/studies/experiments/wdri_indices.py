@@ -62,7 +62,15 @@ class ComputedIndex:
 
 def compute_indices() -> list[ComputedIndex]:
     """Return all indices of the paper, in its order."""
-    return [_compute(printed) for printed in PRINTED]
+    indices = []
+    for printed in PRINTED:
+        computed = profile_wdri(load_profile(printed.profile))
+        reference = None
+        if computed.reference != COMPLETE:
+            group = load_profile(computed.reference).graph
+            reference = None if group is None else graph_from_profile(group)
+        indices.append(ComputedIndex(printed, computed, reference))
+    return indices
 
 
 def wdri_report(setup: ExperimentSetup) -> ExperimentReport:
@@ -77,13 +85,13 @@ def wdri_report(setup: ExperimentSetup) -> ExperimentReport:
         ),
         rows=tuple(
             PaperRow(
-                f"{one.printed.equation}, {one.printed.name}",
-                one.printed.wdri,
-                round(one.computed.wdri, 4),
+                f"{index.printed.equation}, {index.printed.name}",
+                index.printed.wdri,
+                round(index.computed.wdri, 4),
                 "",
-                _difference(one),
+                _difference(index),
             )
-            for one in indices
+            for index in indices
         ),
         figures=(
             PaperFigure(
@@ -94,37 +102,28 @@ def wdri_report(setup: ExperimentSetup) -> ExperimentReport:
                 (7.0, 8.2),
             ),
         ),
-        completed=all(one.alike for one in indices),
-        details={"indices": [{"profile": one.printed.profile, **one.computed.as_json()} for one in indices]},
+        completed=all(index.alike for index in indices),
+        details={"indices": [{"profile": index.printed.profile, **index.computed.as_json()} for index in indices]},
     )
 
 
-def _compute(printed: PrintedIndex) -> ComputedIndex:
-    computed = profile_wdri(load_profile(printed.profile))
-    reference = None
-    if computed.reference != COMPLETE:
-        group = load_profile(computed.reference).graph
-        reference = None if group is None else graph_from_profile(group)
-    return ComputedIndex(printed, computed, reference)
-
-
-def _difference(one: ComputedIndex) -> str:
-    computed, printed = one.computed, one.printed
-    said = (
+def _difference(index: ComputedIndex) -> str:
+    computed, printed = index.computed, index.printed
+    text = (
         f"Equal to the {PRINTED_DIGITS} digits printed"
-        if one.alike
+        if index.alike
         else f"Off by {computed.wdri - printed.wdri:+.4f}: the graph of {printed.profile} is not the paper's"
     )
     if computed.n != len(computed.graph.vertices):
         whole = profile_wdri(load_profile(printed.profile), vertices="architecture").wdri
-        said += (
+        text += (
             f": averaged over the {computed.n} vertices present; over all {len(computed.graph.vertices)}, "
             f"as in every other row, it would be {whole:.2f}"
         )
     weightless = [vertex.name for vertex in computed.graph.vertices if vertex.kind != "absent" and not vertex.weight]
     if weightless:
-        said += f": {', '.join(weightless)} weighs 0 and its links still count for its neighbours"
-    return f"{said}."
+        text += f": {', '.join(weightless)} weighs 0 and its links still count for its neighbours"
+    return f"{text}."
 
 
 # The drawing. Vertices lie on a circle: the low level below, the high level above, driver and monitor at its sides.
@@ -133,29 +132,29 @@ _COLOURS = {"D": "#cc79a7", "P": GREY, "L": OURS, "H": THIRD, "M": OTHER}
 
 
 def draw_graphs(figure: Figure, indices: Sequence[ComputedIndex]) -> None:
-    """Draw one panel per graph, and one with the legend."""
+    """Draw index panel per graph, and index with the legend."""
     panels = figure.subplots(3, 3).flat
-    for one, axes in zip(indices, panels, strict=False):
-        _draw_graph(axes, one)
+    for index, axes in zip(indices, panels, strict=False):
+        _draw_graph(axes, index)
     _draw_legend(list(figure.axes)[len(indices)])
 
 
-def _draw_graph(axes: Axes, one: ComputedIndex) -> None:
-    graph, at = one.computed.graph, {}
+def _draw_graph(axes: Axes, index: ComputedIndex) -> None:
+    graph, at = index.computed.graph, {}
     for vertex in graph.vertices:
         angle = math.radians(_PLACES_DEG[vertex.name])
         at[vertex.name] = (math.cos(angle), math.sin(angle))
     links = graph.link_names()
-    referred = [] if one.reference is None else one.reference.link_names()
+    referred = [] if index.reference is None else index.reference.link_names()
     _draw_links(axes, at, [link for link in referred if link not in links], color="#c4c4c4", linestyle=":")
     _draw_links(axes, at, links, color="#555555", linestyle="-")
     for vertex in graph.vertices:
         _draw_vertex(axes, vertex, *at[vertex.name], present=vertex.kind != "absent")
-    computed = one.computed
+    computed = index.computed
     axes.set_title(
-        f"{one.printed.equation}: {one.printed.name}\n"
+        f"{index.printed.equation}: {index.printed.name}\n"
         rf"$\bar{{d}}_w$ {computed.d_w_sim:.4g} of {computed.d_w_ref:.4g}"
-        f"\nWDRI {computed.wdri:.4f}, paper {one.printed.wdri:.2f}"
+        f"\nWDRI {computed.wdri:.4f}, paper {index.printed.wdri:.2f}"
     )
     _bare(axes)
 

@@ -113,11 +113,11 @@ def zig_zag(time_s: Array, yaw_rad: Array, speed_mps: Array, steering: Array) ->
 def spiral(time_s: Array, rate_radps: Array, steering: Array) -> list[tuple[float, float]]:
     """Return steering and the mean rate of turn in the last quarter of each hold, in order."""
     changes = np.flatnonzero(np.diff(steering) != 0) + 1
-    held = []
+    holds = []
     for start, end in zip([0, *changes], [*changes, len(time_s)], strict=True):
         last = slice(end - max((end - start) // 4, 1), end)
-        held.append((float(steering[start]), float(rate_radps[last].mean())))
-    return held
+        holds.append((float(steering[start]), float(rate_radps[last].mean())))
+    return holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,9 +185,9 @@ def _vertex(time_s: Array, values: Array, index: int) -> tuple[float, float]:
 def response(phase_rad: Array, values: Array) -> Array:
     """Fit (W,) complex amplitudes c of waves with phases (K, W) to a series (K,): mean + Re(sum of c exp(i phase))."""
     columns = np.hstack([np.cos(phase_rad), -np.sin(phase_rad), np.ones((len(phase_rad), 1))])
-    found = np.linalg.lstsq(columns, values, rcond=None)[0]
+    fit = np.linalg.lstsq(columns, values, rcond=None)[0]
     waves = phase_rad.shape[1]
-    complex_amplitude: Array = found[:waves] + 1j * found[waves : 2 * waves]
+    complex_amplitude: Array = fit[:waves] + 1j * fit[waves : 2 * waves]
     return complex_amplitude
 
 

@@ -62,7 +62,7 @@ class SmallMotion:
         restoring[:, 2:5] = -self.matrix[3:, :3]
         squares, shapes = np.linalg.eig(restoring)
         left = np.linalg.inv(shapes)
-        found = []
+        modes = []
         largest = np.argsort(-squares.real)[:3]
         for mode in largest:
             square = squares[mode].real
@@ -71,13 +71,13 @@ class SmallMotion:
             omega = float(np.sqrt(square))
             damped = (left[mode] @ -self.matrix[3:, 3:] @ shapes[:, mode]).real
             share = np.abs(left[mode] * shapes[:, mode])[2:5]
-            found.append((share, 2.0 * np.pi / omega, float(damped) / (2.0 * omega)))
+            modes.append((share, 2.0 * np.pi / omega, float(damped) / (2.0 * omega)))
         names: dict[int, str] = {}
-        order = sorted(((share[axis], mode, axis) for mode, (share, _, _) in enumerate(found) for axis in range(3)))
+        order = sorted(((share[axis], mode, axis) for mode, (share, _, _) in enumerate(modes) for axis in range(3)))
         for _, mode, axis in reversed(order):
             if mode not in names and (name := ("heave", "roll", "pitch")[axis]) not in names.values():
                 names[mode] = name
-        modes = [NaturalMode(names[mode], period, ratio) for mode, (_, period, ratio) in enumerate(found)]
+        modes = [NaturalMode(names[mode], period, ratio) for mode, (_, period, ratio) in enumerate(modes)]
         return tuple(sorted(modes, key=lambda mode: ("heave", "roll", "pitch").index(mode.name)))
 
     def growth(self, plane: Plane) -> float:

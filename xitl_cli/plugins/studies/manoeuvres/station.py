@@ -38,8 +38,8 @@ def station_conditions(model: VesselSpec, top_speed_mps: float, thrust_n: float)
 
 def loiter_radius_m(autopilot: AutopilotSpec | None) -> float:
     """Return the loiter radius of the embedded autopilot: its LOIT_RADIUS."""
-    given = None if autopilot is None else autopilot.parameters.get("LOIT_RADIUS")
-    return float(given if given is not None else Parameters()["LOIT_RADIUS"])
+    radius_m = None if autopilot is None else autopilot.parameters.get("LOIT_RADIUS")
+    return float(radius_m if radius_m is not None else Parameters()["LOIT_RADIUS"])
 
 
 def station_keeping(
@@ -89,12 +89,12 @@ def station_keeping(
     except UserError as error:
         return Section("station", title, lacks=(f"station keeping: {error}",))
     time_s = time_s - time_s[0]
-    held = time_s >= SETTLED_S
-    radius = radius_of_95_percent(north[held], east[held], (0.0, 0.0))
+    settled = time_s >= SETTLED_S
+    radius = radius_of_95_percent(north[settled], east[settled], (0.0, 0.0))
     facts = (
         Fact("station_current_mps", "current, to the east", current, "m/s"),
         Fact("station_wind_mps", "wind, from the south-west", wind, "m/s"),
-        Fact("station_radius_m", "radius held for 95 % of the time", radius, "m"),
+        Fact("station_radius_m", "radius settled for 95 % of the time", radius, "m"),
     )
     way = Trace("way", east, north)
     plot = Plot("station", "Way while it keeps its place at 0, 0", "north (m)", (way,), "map", "east (m)")

@@ -53,9 +53,9 @@ class Track:
 
     def __getitem__(self, vessel: int) -> Track:
         """Return the track of one vessel, (K, 1, ...)."""
-        one = slice(vessel, vessel + 1)
+        row = slice(vessel, vessel + 1)
         return Track(
-            self.time_s, self.pos_ned_m[:, one], self.euler_rad[:, one], self.velocity_frd[:, one], self.command[:, one]
+            self.time_s, self.pos_ned_m[:, row], self.euler_rad[:, row], self.velocity_frd[:, row], self.command[:, row]
         )
 
     @property
@@ -107,28 +107,28 @@ def sail(
     step_s = steps * simulation.dt_s
     samples = max(round(duration_s / step_s), 1)
     looks = max(round(look_s / step_s), 1)
-    kept: list[tuple[float, Instant, Array]] = []
+    samples_kept: list[tuple[float, Instant, Array]] = []
     for sample in range(samples + 1):
         time_s = sample * step_s
         now = Instant.from_motion(state.vessel.motion)
         command = pilot(time_s, now)
-        kept.append((time_s, now, command))
-        if sample == samples or (until is not None and sample and sample % looks == 0 and until(_track(kept))):
+        samples_kept.append((time_s, now, command))
+        if sample == samples or (until is not None and sample and sample % looks == 0 and until(_track(samples_kept))):
             break
         for _ in range(steps):
             state = world.step(simulation, state, command, rng)
-    return state, _track(kept)
+    return state, _track(samples_kept)
 
 
-def _track(kept: list[tuple[float, Instant, Array]]) -> Track:
-    euler = np.array([now.euler_rad for _, now, _ in kept])
+def _track(samples: list[tuple[float, Instant, Array]]) -> Track:
+    euler = np.array([now.euler_rad for _, now, _ in samples])
     euler[:, :, 2] = np.unwrap(euler[:, :, 2], axis=0)
     return Track(
-        time_s=np.array([time_s for time_s, _, _ in kept]),
-        pos_ned_m=np.array([now.pos_ned_m for _, now, _ in kept]),
+        time_s=np.array([time_s for time_s, _, _ in samples]),
+        pos_ned_m=np.array([now.pos_ned_m for _, now, _ in samples]),
         euler_rad=euler,
-        velocity_frd=np.array([now.velocity_frd for _, now, _ in kept]),
-        command=np.array([command for _, _, command in kept]),
+        velocity_frd=np.array([now.velocity_frd for _, now, _ in samples]),
+        command=np.array([command for _, _, command in samples]),
     )
 
 

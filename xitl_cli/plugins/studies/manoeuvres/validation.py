@@ -47,11 +47,11 @@ from xitl_cli.profile.schema.agents import AutopilotSpec
 ARCHIMEDES = "closed form: Archimedes and the second moments of the waterline"
 LINEAR = "closed form: linear equations of motion with the waterline's stiffness"
 SURGE_ALONE = "closed form: the equation of surge alone, level"
-HORIZONTAL = "equations of surge, sway and yaw alone, integrated on their own"
+HORIZONTAL = "equations of surge, sway and yaw alone, integrated separately"
 STRIPS = "closed form: linear strip theory of relative motion"
-LONG_WAVES = "limit: a vessel follows waves that are long beside it (Newman 1977, ch. 6)"
+LONG_WAVES = "limit: a vessel follows waves much longer than itself (Newman 1977, ch. 6)"
 MIRRORED = "the same to the other side"
-LOITER = "LOIT_RADIUS of the embedded autopilot, which it keeps to by its own estimate"
+LOITER = "LOIT_RADIUS of the embedded autopilot, by its own estimate"
 
 OF_WATERLINE, OF_BM, OF_LENGTH = 0.01, 0.02, 0.05
 """Tolerance for the strips, which blunt a hull's ends; n of them omit 1 / n^2 of the longitudinal moment."""
@@ -143,25 +143,26 @@ def validate_vessel(
     name: str,
     water: Water | None = None,
     autopilot: AutopilotSpec | None = None,
-    told: Callable[[str], None] = lambda _: None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> VesselValidation:
-    """Validate a vessel. name: key of the published figures. autopilot: for station keeping. told: called with each
+    """Validate a vessel. name: key of the published figures. autopilot: for station keeping. tell: called with each
     manoeuvre.
 
     Raises ValueError for a vessel that does not float upright.
     """
     water = water or Water()
-    told("afloat")
+    tell("afloat")
     trials = SeaTrials(model, water)
     sections = [Section("afloat", "Afloat at rest", tuple(afloat_facts(trials.rest)))]
     if RUNS.get(name):
-        told("published runs")
+        tell("published runs")
         sections.append(_published_runs(model, name))
     for section in trials.sections():
-        told(section.title.lower())
+        tell(section.title.lower())
         sections.append(section)
-    told("station keeping")
-    top_mps = next(float(fact.value or 0.0) for one in sections for fact in one.facts if fact.key == "top_speed_mps")
+    tell("station keeping")
+    facts = (fact for section in sections for fact in section.facts)
+    top_mps = next(float(fact.value or 0.0) for fact in facts if fact.key == "top_speed_mps")
     sections.append(station_keeping(model, autopilot, water, top_mps, trials.rest.forward_n))
     values = {
         fact.key: float(fact.value)  # JSON does not accept numpy's number types
@@ -178,8 +179,9 @@ def validate_vessel(
     for section in sections:
         for fact in section.facts:
             references: list[FigureReference | None] = [*theory.references(fact.key), *_of_runs(name, fact.key)]
-            if (one := published.get(fact.key)) is not None:
-                references.append(FigureReference(one.value, one.tolerance * one.value, one.source, one.disputed))
+            if (known := published.get(fact.key)) is not None:
+                allowed = known.tolerance * known.value
+                references.append(FigureReference(known.value, allowed, known.source, known.disputed))
             value = values.get(fact.key)
             figures += [
                 ValidatedFigure(section.title, fact.key, fact.label, fact.unit, value, reference)
@@ -211,13 +213,13 @@ def _published_runs(model: VesselSpec, name: str) -> Section:
 
 def _of_runs(name: str, key: str) -> Iterator[FigureReference]:
     for number, run in enumerate(RUNS.get(name, ())):
-        for what, value, allowed in (
+        for figure, value, allowed in (
             ("surge_mps", run.surge_mps, SAME_MODEL * abs(run.surge_mps)),
             ("sway_mps", run.sway_mps, max(SAME_MODEL * abs(run.sway_mps), 1e-3)),
             ("rate_degps", run.rate_degps, max(SAME_MODEL * abs(run.rate_degps), 0.05)),
             ("heading_deg", run.heading_10_s_deg, SAME_HEADING_DEG),
         ):
-            if key == f"run_{number}_{what}":
+            if key == f"run_{number}_{figure}":
                 yield FigureReference(value, allowed, run.source)
 
 
@@ -225,7 +227,7 @@ class _Theory:
     """Closed forms of a vessel's figures. values: measured figures, from which the equations start."""
 
     def __init__(self, trials: SeaTrials, values: dict[str, float]) -> None:
-        self._found: dict[str, list[FigureReference]] = {}
+        self._references: dict[str, list[FigureReference]] = {}
         self._curves: dict[str, Trace] = {}
         self._trials, self._values = trials, values
         model, water, rest = trials.model, trials.water, trials.rest
@@ -241,23 +243,23 @@ class _Theory:
             for axis, (name, _, _) in RELEASES.items():
                 modes = rest.modes.values()
                 time_s = np.arange(0.0, SWINGS * max(mode.period_s for mode in modes), trials.step_s)
-                if (found := decay(time_s, self._small.released(axis, time_s))) is not None:
-                    off = OF_PERIOD + (
-                        0.5 * OF_BM * afloat.bm_transverse_m / afloat.gm_transverse_m if axis == 3 else 0.0
-                    )
-                    self._add(f"{name}_period_s", found.period_s, off * found.period_s, LINEAR)
-                    self._add(f"{name}_damping_ratio", found.damping_ratio, OF_RATIO * found.damping_ratio, LINEAR)
+                if (free := decay(time_s, self._small.released(axis, time_s))) is not None:
+                    share = OF_PERIOD
+                    if axis == 3:
+                        share += 0.5 * OF_BM * afloat.bm_transverse_m / afloat.gm_transverse_m
+                    self._add(f"{name}_period_s", free.period_s, share * free.period_s, LINEAR)
+                    self._add(f"{name}_damping_ratio", free.damping_ratio, OF_RATIO * free.damping_ratio, LINEAR)
             self._waves(afloat)
         self._straight()
         self._turns()
 
     def references(self, key: str) -> list[FigureReference]:
         """Return the references of a figure; empty if theory gives none."""
-        return self._found.get(key, [])
+        return self._references.get(key, [])
 
     def limit(self, key: str, value: float, allowed: float, source: str) -> None:
         """Set an upper limit of a figure."""
-        self._found.setdefault(key, []).append(FigureReference(value, allowed, source, at_most=True))
+        self._references.setdefault(key, []).append(FigureReference(value, allowed, source, at_most=True))
 
     def drawn(self, section: Section) -> Section:
         """Return the section with theoretical curves added to its plots."""
@@ -269,7 +271,7 @@ class _Theory:
 
     def _add(self, key: str, value: float, allowed: float, source: str) -> None:
         if math.isfinite(value):
-            self._found.setdefault(key, []).append(FigureReference(float(value), float(allowed), source))
+            self._references.setdefault(key, []).append(FigureReference(float(value), float(allowed), source))
 
     def _straight(self) -> None:
         trials, surge = self._trials, closed_forms.surge_run
@@ -302,8 +304,8 @@ class _Theory:
         for angle in (angle for angle in SPIRAL_DEG if angle > 0):
             key = f"spiral_at_{angle:.0f}_degps"
             guess = (speed, -0.1 * speed, math.radians(values.get(key, 10.0)))  # selects one of several solutions
-            if (found := motion.steady(trials.helm.command(APPROACH_THROTTLE, angle), guess)) is not None:
-                degps = math.degrees(found[2])
+            if (steady := motion.steady(trials.helm.command(APPROACH_THROTTLE, angle), guess)) is not None:
+                degps = math.degrees(steady[2])
                 self._add(key, degps, OF_TURN * abs(degps), HORIZONTAL)
 
         def sailed(order: SteeringOrder, step_s: float) -> HorizontalRun:
@@ -332,18 +334,15 @@ class _Theory:
                     self._add(name, value, allowed, HORIZONTAL)
             heading = np.degrees(zig.yaw_rad)
             self._curves[f"zig_zag_{angle:.0f}"] = Trace("theory", zig.time_s, heading)
-        if self._mirrored():
+        # Port and starboard are equal for a symmetric vessel.
+        model = trials.model
+        places = [propeller.position_frd_m[:2] for propeller in model.propellers if propeller.position_frd_m[1]]
+        paired = all((x, -y) in places for x, y in places)
+        if paired and not model.centre_of_gravity_frd_m[1] and abs(values.get("heel_deg", 1.0)) < 0.01:
             for key, value in values.items():
                 if key.startswith("turn_port_") and (other := values.get(key.replace("port", "starboard"))) is not None:
                     other = math.copysign(other, value)
                     self._add(key, other, OF_MIRROR * abs(other), MIRRORED)
-
-    def _mirrored(self) -> bool:
-        """Return True if port and starboard are symmetric."""
-        model = self._trials.model
-        places = [propeller.position_frd_m[:2] for propeller in model.propellers if propeller.position_frd_m[1]]
-        paired = all((x, -y) in places for x, y in places)
-        return paired and not model.centre_of_gravity_frd_m[1] and abs(self._values.get("heel_deg", 1.0)) < 0.01
 
     def _waves(self, afloat: closed_forms.Waterline) -> None:
         trials = self._trials

@@ -1,4 +1,7 @@
-"""The validation of vessels as a page in the logs' format: figures, references and plots of each manoeuvre."""
+"""The validation of vessels as a page in the logs' format: figures, references and plots of each manoeuvre.
+
+`advice` gives the importance of a difference, and the key of the vessel to change.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,81 @@ from collections.abc import Sequence
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Finding, Grid, Section
 from xitl_cli.logs.report.page import FileCard, Page, PagePart
-from xitl_cli.plugins.studies.manoeuvres.advice import advice
-from xitl_cli.plugins.studies.manoeuvres.validation import FigureReference, ValidatedFigure, VesselValidation
+from xitl_cli.plugins.studies.manoeuvres.validation import (
+    ARCHIMEDES,
+    HORIZONTAL,
+    LINEAR,
+    LOITER,
+    LONG_WAVES,
+    MIRRORED,
+    STRIPS,
+    SURGE_ALONE,
+    ValidatedFigure,
+    VesselValidation,
+)
 
 NO_REFERENCE = "no published reference"
 COLUMNS = ("figure", "unit", "ours", "reference", "error", "agrees", "source")
+
+_MUCH = 3.0
+"""Number of tolerances up to which an omission in a closed form explains a difference."""
+_ADVICE = {
+    ARCHIMEDES: (
+        "draft and trim shift drag, windage and natural periods",
+        "check vehicle.mass_kg and vehicle.centre_of_gravity_frd_m, and raise `strips` of the hulls, because the "
+        "closed form has whole hulls",
+    ),
+    SURGE_ALONE: (
+        "it affects the times of missions and the distances to stop",
+        "check the trim at top speed in `xitl vehicle check`. Lower the lever between thrust "
+        "(vehicle.propellers.N.position_frd_m) and drag, because the closed form is level",
+    ),
+    HORIZONTAL: (
+        "it affects turns at waypoints, but not straight legs",
+        "check the heel in the turn in `xitl vehicle check`. Lower vehicle.centre_of_gravity_frd_m or raise "
+        "vehicle.damping_linear.roll, because the closed form neither heels nor trims",
+    ),
+    MIRRORED: (
+        "the boat turns better to one side, which an autopilot must compensate",
+        "give propellers and rudders of both sides the same thrust and angle and opposite second coordinates, and set "
+        "that of the centre of gravity to 0; leave it if the boat is asymmetric",
+    ),
+    LINEAR: (
+        "it affects seas near the natural period, but not still water",
+        "lower the quadratic damping of this motion (vehicle.damping_quadratic), or use hulls that change less near "
+        "the waterline, because the closed form has small motions; a decay test of the boat shows which is right",
+    ),
+    STRIPS: (
+        "it affects only seas of this wavelength",
+        "raise the damping of this motion (vehicle.damping_linear) if its damping ratio is below 0.1, or `strips` of "
+        "the hulls for short waves",
+    ),
+    LONG_WAVES: (
+        "the boat does not follow a swell",
+        "check vehicle.inertia_kgm2 and vehicle.added_mass: both have little effect in long waves",
+    ),
+    LOITER: (
+        "it affects station keeping, but not the boat under way",
+        "raise max_thrust_n against wind and current, or LOIT_RADIUS in autopilot.parameters",
+    ),
+}
+"""By source of the reference: the importance of a difference, and the change that removes it."""
+_ADVICE_ON_PUBLISHED = (
+    "results are no longer those of the published vessel",
+    "compare the file with docs/vehicles.md, or give your vessel another name (vehicle.name)",
+)
+
+
+def advice(figure: ValidatedFigure) -> str:
+    """Return the importance of a difference and the key to change, in sentences; empty for a figure that agrees."""
+    if figure.agrees is not False or figure.reference is None:
+        return ""
+    importance, change = _ADVICE.get(figure.reference.source, _ADVICE_ON_PUBLISHED)
+    if figure.error is None:
+        return f"It matters: the manoeuvre did not reach it. To change it, {change}."
+    times = abs(figure.error) / figure.reference.allowed if figure.reference.allowed else float("inf")
+    weight = "It hardly matters" if times <= _MUCH else "It matters"
+    return f"{weight}: the error is {times:.2g} times its tolerance, and {importance}. To change it, {change}."
 
 
 def validation_page(validations: Sequence[VesselValidation]) -> Page:
@@ -22,8 +95,18 @@ def validation_page(validations: Sequence[VesselValidation]) -> Page:
         for validation in validations
         for section in validation.sections
     ]
-    cards = tuple(FileCard(one.vehicle, _facts(one)) for one in validations)
-    return Page("Validation", ", ".join(one.vehicle for one in validations), tuple(parts), cards)
+    cards = []
+    for validation in validations:
+        agree, differ, unknown = counts(validation)
+        facts = (
+            ("steered by", validation.steered_by),
+            ("agree with their reference", str(agree)),
+            ("differ", str(differ)),
+            (NO_REFERENCE, str(unknown)),
+        )
+        cards.append(FileCard(validation.vehicle, facts))
+    names = ", ".join(validation.vehicle for validation in validations)
+    return Page("Validation", names, tuple(parts), tuple(cards))
 
 
 def counts(validation: VesselValidation) -> tuple[int, int, int]:
@@ -32,41 +115,28 @@ def counts(validation: VesselValidation) -> tuple[int, int, int]:
     return verdicts.count(True), verdicts.count(False), sum(figure.reference is None for figure in validation.figures)
 
 
-def _facts(validation: VesselValidation) -> tuple[tuple[str, str], ...]:
-    agree, differ, unknown = counts(validation)
-    return (
-        ("steered by", validation.steered_by),
-        ("agree with their reference", str(agree)),
-        ("differ", str(differ)),
-        (NO_REFERENCE, str(unknown)),
-    )
-
-
 def _section(section: Section, validation: VesselValidation) -> Section:
     figures = [figure for figure in validation.figures if figure.manoeuvre == section.title]
-    rows = tuple(_row(figure) for figure in figures)
-    findings = tuple(_finding(figure) for figure in figures if figure.agrees is False)
-    grid = Grid(f"{section.key}.figures", "Figures beside their references", COLUMNS, rows)
+    rows: list[tuple[str | float | None, ...]] = []
+    findings = []
+    for figure in figures:
+        source, value = NO_REFERENCE, None
+        if (reference := figure.reference) is not None:
+            source, value = reference.source, rounded(reference.value)
+            source += f"; disputed: {reference.disputed}" if reference.disputed else ""
+        agrees = "" if figure.agrees is None else "yes" if figure.agrees else "no"
+        rows.append((figure.label, figure.unit, rounded(figure.value), value, figure.error_text, agrees, source))
+        if figure.agrees is False:
+            findings.append(_finding(figure))
+    grid = Grid(f"{section.key}.figures", "Figures and their references", COLUMNS, tuple(rows))
     return Section(
-        section.key, section.title, findings=findings, grids=(grid,), plots=section.plots, lacks=section.lacks
+        section.key,
+        section.title,
+        findings=tuple(findings),
+        grids=(grid,),
+        plots=section.plots,
+        lacks=section.lacks,
     )
-
-
-def _row(figure: ValidatedFigure) -> tuple[str | float | None, ...]:
-    reference = figure.reference
-    return (
-        figure.label,
-        figure.unit,
-        rounded(figure.value),
-        None if reference is None else rounded(reference.value),
-        figure.error_text,
-        "" if figure.agrees is None else "yes" if figure.agrees else "no",
-        NO_REFERENCE if reference is None else _source(reference),
-    )
-
-
-def _source(reference: FigureReference) -> str:
-    return reference.source + (f"; disputed: {reference.disputed}" if reference.disputed else "")
 
 
 def rounded(value: float | None) -> float | None:
@@ -79,7 +149,7 @@ def _finding(figure: ValidatedFigure) -> Finding:
     return Finding.warning(
         f"validation.{figure.key}",
         f"{figure.label}: {'not reached' if figure.value is None else f'{figure.value:.4g} {figure.unit}'.rstrip()}, "
-        f"where {figure.reference.source} says {figure.reference.value:.4g}; {figure.error_text or 'no value'}",
+        f"but {figure.reference.value:.4g} by {figure.reference.source}; error: {figure.error_text or 'no value'}",
         (),
         advice(figure),
     )

@@ -83,8 +83,8 @@ def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselChe
         ("Stopping from top speed", tuple(_stopping(runs))),
     )
     values = {fact.key: fact.value for _, facts in figures for fact in facts}
-    found = [*rest_findings(rest, demands), *_way_findings(rest, demands, values)]
-    findings = sorted(found, key=lambda finding: -finding.severity)
+    findings = [*rest_findings(rest, demands), *_way_findings(rest, demands, values)]
+    findings.sort(key=lambda finding: -finding.severity)
     return VesselCheck(model.name, figures, tuple(findings))
 
 
@@ -205,7 +205,9 @@ def _under_way(rest: AtRest, runs: _Runs) -> Iterator[Fact]:
     yield Fact("astern_speed_mps", "top speed astern", _rounded(astern), "m/s")
     time_s = time_to_95_percent(track.time_s, track.velocity_frd[:, full, 0], top) if top > 0 else None
     yield Fact("time_to_95_percent_s", "time to 95 % of top speed", _rounded(time_s), "s")
-    yield Fact("trim_at_top_speed_deg", "trim there", _rounded(math.degrees(track.euler_rad[-1, full, 1])), "deg")
+    yield Fact(
+        "trim_at_top_speed_deg", "trim at top speed", _rounded(math.degrees(track.euler_rad[-1, full, 1])), "deg"
+    )
     stabilities: tuple[tuple[Plane, str, str], ...] = (
         ("across", "course_stability", "course"),
         ("upright", "trim_stability", "trim"),
@@ -219,9 +221,8 @@ def _under_way(rest: AtRest, runs: _Runs) -> Iterator[Fact]:
 def _turning(runs: _Runs) -> Iterator[Fact]:
     if (track := runs.turns) is not None:
         for vessel, side in enumerate(("starboard", "port")):
-            one = track[vessel]
-            rate = float(one.velocity_frd[-1, 0, 5])
-            speed = float(one.speed_mps[-1, 0])
+            rate = float(track.velocity_frd[-1, vessel, 5])
+            speed = float(track.speed_mps[-1, vessel])
             diameter = 2.0 * speed / abs(rate) if abs(rate) > 1e-4 else None
             yield Fact(
                 f"turn_rate_{side}_degps", f"steady rate of turn to {side}", _rounded(math.degrees(rate)), "deg/s"
@@ -230,7 +231,7 @@ def _turning(runs: _Runs) -> Iterator[Fact]:
         heel = np.degrees(track.euler_rad[:, :, 0])
         most = float(heel.flat[np.abs(heel).argmax()])
         yield Fact("turn_speed_mps", "speed in the steady turn", _rounded(float(track.speed_mps[-1, 0])), "m/s")
-        yield Fact("turn_heel_deg", "most heel on the way in", _rounded(abs(most)), "deg")
+        yield Fact("turn_heel_deg", "largest heel in the turn", _rounded(abs(most)), "deg")
     if runs.turns_on_the_spot:
         rate = math.degrees(float(runs.ahead.velocity_frd[-1, -1, 5]))
         yield Fact("spot_turn_rate_degps", "steady rate of turn on the spot", _rounded(rate), "deg/s")
@@ -239,13 +240,13 @@ def _turning(runs: _Runs) -> Iterator[Fact]:
 def _stopping(runs: _Runs) -> Iterator[Fact]:
     track = runs.stops
     for vessel, left, name, text, until in (
-        (0, 0.0, "crash_stop", "full astern", "until it stands"),
-        (1, 0.1, "coasting", "propellers stopped", "until a tenth is left"),
+        (0, 0.0, "crash_stop", "full astern", "until it stops"),
+        (1, 0.1, "coasting", "propellers stopped", "until a tenth remains"),
     ):
         north, east = track.pos_ned_m[:, vessel, :2].T
-        found = stopping(track.time_s, north, east, track.velocity_frd[:, vessel, 0], left)
-        yield Fact(f"{name}_distance_m", f"{text}, distance {until}", _rounded(found.track_reach_m), "m")
-        yield Fact(f"{name}_time_s", f"{text}, time", _rounded(found.time_s), "s")
+        stop = stopping(track.time_s, north, east, track.velocity_frd[:, vessel, 0], left)
+        yield Fact(f"{name}_distance_m", f"{text}, distance {until}", _rounded(stop.track_reach_m), "m")
+        yield Fact(f"{name}_time_s", f"{text}, time", _rounded(stop.time_s), "s")
 
 
 def _rounded(value: float | None) -> float | None:
@@ -290,8 +291,8 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
             "stability.small",
             "vehicle.centre_of_gravity_frd_m",
             f"the metacentric height is {transverse:.3f} m, {100 * transverse / model.width_m:.1f} % of the width: "
-            "little wind or turning heels it far",
-            f"lower the centre of gravity, or check the width and places of {hulls}",
+            "a light wind or a slow turn heels the vessel far",
+            f"lower the centre of gravity, or check the width and the positions of {hulls}",
         )
     values = {fact.key: fact.value for fact in afloat_facts(rest)}
     freeboard, height = _number(values, "freeboard_m"), min(hull.height_m for hull in model.demi_hulls)
@@ -300,7 +301,7 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
         yield _wrong(
             "deck.low",
             "vehicle.mass_kg",
-            f"the deck is {where} at rest; what carries the vessel ends there",
+            f"the deck is {where} at rest; the hulls have no buoyancy above it",
             f"check vehicle.mass_kg = {model.mass_kg:g} against the volume of {hulls}",
         )
     for name, text, most in (("trim_deg", "trim", 3.0), ("heel_deg", "heel", 1.0)):
@@ -308,8 +309,8 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
             yield _wrong(
                 f"rest.{text}",
                 "vehicle.centre_of_gravity_frd_m",
-                f"at rest it has a {text} of {angle:.1f} degrees",
-                "move the centre of gravity over the centre of buoyancy, or the hulls under it",
+                f"the vessel has a {text} of {angle:.1f} degrees at rest",
+                "move the centre of gravity above the centre of buoyancy, or move the hulls",
             )
     motion = rest.state.motion
     rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
@@ -320,14 +321,14 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
                 "propeller.drowned",
                 f"vehicle.propellers.{number}.position_frd_m",
                 f"the air propeller {number} is {deep_m:.2f} m under water at rest",
-                "give its third coordinate a value further up (smaller), or `medium: water`",
+                "use a smaller third coordinate (further up), or `medium: water`",
             )
         elif propeller.medium == "water" and deep_m < 0:
             yield _wrong(
                 "propeller.dry",
                 f"vehicle.propellers.{number}.position_frd_m",
                 f"the propeller {number} is {-deep_m:.2f} m above the water at rest",
-                "give its third coordinate a value further down (larger), or `medium: air`",
+                "use a larger third coordinate (further down), or `medium: air`",
             )
     for number, rudder in enumerate(model.rudders):
         if (deep_m := float(np.dot(rudder.position_frd_m, rotation[2])) + depth_m) < 0:
@@ -335,7 +336,7 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
                 "rudder.dry",
                 f"vehicle.rudders.{number}.position_frd_m",
                 f"the rudder {number} is {-deep_m:.2f} m above the water at rest",
-                "give its third coordinate a value further down (larger)",
+                "use a larger third coordinate (further down)",
             )
 
 
@@ -358,7 +359,7 @@ def _body_findings(rest: AtRest) -> Iterator[VesselFinding]:
                 f"vehicle.inertia_kgm2.{axis}",
                 f"the radius of gyration about {name} is {radius_m:.2f} m, {radius_m / size_m:.2f} of the "
                 f"{'width' if name == 'x' else 'length'}; hulls have {least:g} to {most:.2g}",
-                f"check it against the mass: {model.mass_kg * (usual * size_m) ** 2:.3g} kg m2 would be usual",
+                f"compare it with the mass: the usual value is {model.mass_kg * (usual * size_m) ** 2:.3g} kg m2",
             )
     added = rest.added_mass
     names = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -367,30 +368,26 @@ def _body_findings(rest: AtRest) -> Iterator[VesselFinding]:
         yield _wrong(
             "added_mass.none",
             "vehicle.added_mass",
-            f"the added mass is 0 in {_listed(missing)}, which no hull's is",
-            "a start: 5 % of the mass in surge, all of it in sway, twice it in heave, and these times the squared "
-            "levers in the moments",
+            f"the added mass is 0 in {', '.join(missing)}, but every hull has one",
+            "begin with 5 % of the mass in surge, 100 % in sway and 200 % in heave, and multiply these by the squared "
+            "levers for the moments",
         )
     weight_n = model.mass_kg * GRAVITY_MPS2
     if not 0.005 <= rest.forward_n / weight_n <= 0.8:
         yield _wrong(
             "thrust.weight",
             "vehicle.propellers",
-            f"all propellers ahead push with {rest.forward_n:.3g} N, {rest.forward_n / weight_n:.3g} of the "
+            f"the thrust of all propellers ahead is {rest.forward_n:.3g} N, {rest.forward_n / weight_n:.3g} of the "
             "weight; boats have 0.01 to 0.5",
-            "check the thrusts, in N, and vehicle.mass_kg",
+            "check the thrusts (in N) and vehicle.mass_kg",
         )
     if model.wind.lateral_area_m2 == 0 or model.wind.frontal_area_m2 == 0:
         yield _odd(
             "windage.none",
             "vehicle.wind",
-            "it has no windage: wind will not move it",
-            "give the areas above the water, from ahead and from abeam, and their coefficients",
+            "the vessel has no windage: wind does not move it",
+            "add the areas above the water, from ahead and from abeam, and their coefficients",
         )
-
-
-def _listed(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 LITTLE_DAMPING, MUCH_DAMPING = 0.05, 2.0
@@ -419,23 +416,21 @@ def _place_findings(rest: AtRest) -> Iterator[VesselFinding]:
         for number, (x_m, y_m, _) in enumerate(places):
             key = f"vehicle.{kind}s.{number}.position_frd_m"
             if x_m > ahead_m or x_m < behind_m:
-                where = (
-                    f"{x_m - bow_m:.2f} m ahead of the bow"
-                    if x_m > ahead_m
-                    else f"{stern_m - x_m:.2f} m behind the stern"
-                )
+                where = f"{stern_m - x_m:.2f} m behind the stern"
+                if x_m > ahead_m:
+                    where = f"{x_m - bow_m:.2f} m ahead of the bow"
                 yield _wrong(
                     f"{kind}.place",
                     f"{key}.0",
                     f"the {kind} {number} is {where}; the hulls reach from x = {stern_m:.2f} to {bow_m:.2f} m",
-                    f"give its first coordinate a value from {behind_m:.2f} to {ahead_m:.2f}; forward is positive",
+                    f"use a first coordinate from {behind_m:.2f} to {ahead_m:.2f}; forward is positive",
                 )
             if abs(y_m) > OUTSIDE * half_m:
                 yield _wrong(
                     f"{kind}.place",
                     f"{key}.1",
                     f"the {kind} {number} is {abs(y_m) - half_m:.2f} m outside the hulls of {half_m:.2f} m half width",
-                    f"give its second coordinate a value from {-OUTSIDE * half_m:.2f} to {OUTSIDE * half_m:.2f}",
+                    f"use a second coordinate from {-OUTSIDE * half_m:.2f} to {OUTSIDE * half_m:.2f}",
                 )
 
 
@@ -480,11 +475,11 @@ def _yaw_findings(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
     yield _wrong(
         f"damping.yaw.{'little' if has < least else 'much'}",
         _damping_key(rest.model, "yaw"),
-        f"at {math.degrees(rate):.0f} deg/s the water brakes a turn on the spot with {has:.3g} N m s per rad, which is "
-        f"{has / usual:.2g} of the {usual:.3g} that the regression of Clarke (1983) has for these hulls at "
+        f"at {math.degrees(rate):.0f} deg/s, the yaw damping in a turn on the spot is {has:.3g} N m s per rad, "
+        f"{has / usual:.2g} of the {usual:.3g} by the regression of Clarke (1983) for these hulls at "
         f"{top_mps:.2f} m/s; {least:.2g} to {most:.3g} are plausible",
-        "check the unit of linear and quadratic yaw damping, N m s and N m s2, and the power of ten; turning on the "
-        "spot measures both",
+        "check the units of linear and quadratic yaw damping (N m s and N m s2) and the power of ten; turns on the "
+        "spot measure both",
     )
 
 
@@ -496,15 +491,15 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
             yield _wrong(
                 f"damping.{name}",
                 key,
-                f"the damping ratio in {name} is {mode.damping_ratio:.3f}: it goes on for "
-                f"{math.log(10) / (2 * math.pi * max(mode.damping_ratio, 1e-4)):.0f} periods until a tenth is left",
-                f"raise the damping of {name}; 0.1 to 0.4 is usual for small multihulls, see decay tests of such hulls",
+                f"the damping ratio in {name} is {mode.damping_ratio:.3f}: an oscillation takes "
+                f"{math.log(10) / (2 * math.pi * max(mode.damping_ratio, 1e-4)):.0f} periods to decay to a tenth",
+                f"raise the damping of {name}; decay tests of small multihulls show 0.1 to 0.4",
             )
         elif mode.damping_ratio > MUCH_DAMPING:
             yield _odd(
                 f"damping.{name}",
                 key,
-                f"the damping ratio in {name} is {mode.damping_ratio:.2g}: it creeps back without swinging",
+                f"the damping ratio in {name} is {mode.damping_ratio:.2g}: the vessel returns without oscillation",
                 f"check the damping of {name}",
             )
         if waves is not None and waves.spectrum != "none" and name != "heave" and mode.damping_ratio < 0.3:
@@ -513,16 +508,16 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
                 yield _odd(
                     f"resonance.{name}",
                     "environment.waves.peak_period_s",
-                    f"the natural period in {name}, {mode.period_s:.2f} s, is near that of the waves, "
-                    f"{waves.peak_period_s:g} s: it will {name} with them",
-                    "nothing, if it is meant; else another sea, or check inertia and metacentric height",
+                    f"the natural period in {name}, {mode.period_s:.2f} s, is near the period of the waves, "
+                    f"{waves.peak_period_s:g} s: the vessel resonates with them",
+                    "use another sea, or check inertia and metacentric height; ignore this if you want resonance",
                 )
     drag, at_one_mps = rest.about.damping, np.diag(rest.drag_n(np.eye(6)))
     if at_one_mps[1] < at_one_mps[0]:
         yield _wrong(
             "damping.sway",
             _damping_key(rest.model, "sway"),
-            f"at 1 m/s the water holds it back with {at_one_mps[1]:.3g} N sideways and {at_one_mps[0]:.3g} N ahead",
+            f"at 1 m/s the drag is {at_one_mps[1]:.3g} N sideways, but {at_one_mps[0]:.3g} N ahead",
             "check that surge and sway are not exchanged",
         )
     for axis, name in ((0, "surge"), (1, "sway"), (5, "yaw")):
@@ -530,17 +525,17 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
             yield _wrong(
                 f"damping.{name}",
                 _damping_key(rest.model, name),
-                f"nothing slows it in {name}",
-                f"give a damping of {name}, linear, quadratic or by a derivative",
+                f"the vessel has no damping in {name}",
+                f"add a damping of {name}: linear, quadratic or by a derivative",
             )
     fastest = rest.about.fastest_radps / demands.physics_rate_hz
     if fastest > 0.5:
         yield _wrong(
             "steps.long",
             "clock.physics_rate_hz",
-            f"its fastest motion goes on by {fastest:.2g} rad a step at {demands.physics_rate_hz:g} Hz; "
+            f"its fastest motion advances by {fastest:.2g} rad per step at {demands.physics_rate_hz:g} Hz; "
             f"{'the simulation diverges' if fastest > 1.9 else 'more than 0.5 is inexact'}",
-            "raise clock.physics_rate_hz, or check dampings and added masses: one is large beside its mass",
+            "raise clock.physics_rate_hz, or check dampings and added masses: one is large compared with its mass",
         )
 
 
@@ -554,7 +549,7 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
         yield _wrong(
             "thrust.astern",
             "vehicle.propellers",
-            "full ahead drives it astern, or nowhere",
+            "full throttle ahead does not drive the vessel ahead",
             "check angle_deg of the propellers and the sign of the dampings",
         )
     yield from _yaw_findings(rest, top)
@@ -562,61 +557,61 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
         yield _odd(
             "froude.high",
             "vehicle.damping_quadratic.surge",
-            f"at its top speed of {top:.2f} m/s the Froude number is {froude:.2f}: drag that grows as u and u2 knows "
+            f"at its top speed of {top:.2f} m/s the Froude number is {froude:.2f}: linear and quadratic drag include "
             f"neither the hump at {FROUDE_OF_HUMP} ({FROUDE_OF_HUMP * top / froude:.2f} m/s) nor planing",
-            "trust speeds above that only as far as the drag was measured there",
+            "trust speeds above it only if the drag was measured there",
         )
-    wanted = demands.mission_speed_mps
-    if wanted is not None and wanted > 0.95 * top:
-        needed = float(rest.drag_n(np.array([[wanted, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0, 0])
+    mission_mps = demands.mission_speed_mps
+    if mission_mps is not None and mission_mps > 0.95 * top:
+        needed = float(rest.drag_n(np.array([[mission_mps, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0, 0])
         yield _wrong(
             "thrust.mission",
             "mission.speed_mps",
-            f"the mission asks for {wanted:g} m/s and full thrust brings {top:.2f} m/s in still water",
-            f"lower it, or give the propellers more than {needed:.3g} N together",
+            f"the mission requires {mission_mps:g} m/s, but full thrust gives {top:.2f} m/s in still water",
+            f"lower the speed, or raise the thrust of all propellers together above {needed:.3g} N",
         )
     if (trim := abs(_number(values, "trim_at_top_speed_deg"))) > 6:
         yield _wrong(
             "trim.speed",
             "vehicle.propellers",
-            f"at top speed it trims by {trim:.1f} degrees",
-            "check the height of the propellers against the drag, and vehicle.stern_force",
+            f"the vessel trims by {trim:.1f} degrees at top speed",
+            "check the height of the propellers relative to the drag, and vehicle.stern_force",
         )
     reverse = rest.reverse_n / max(rest.forward_n, 1e-9)
     if rest.reverse_n <= 0:
         yield _odd(
             "thrust.reverse",
             "vehicle.propellers",
-            "its propellers cannot push astern: it stops by drag alone",
-            "give max_reverse_thrust_n or open_water.reverse_share, if they can",
+            "its propellers have no thrust astern: it stops by drag alone",
+            "add max_reverse_thrust_n or open_water.reverse_share if they can reverse",
         )
     elif reverse > 1.05:
         yield _odd(
             "thrust.reverse",
             "vehicle.propellers",
-            f"full astern pushes {reverse:.2f} times as hard as full ahead",
+            f"the full thrust astern is {reverse:.2f} times the thrust ahead",
             "check max_thrust_n and max_reverse_thrust_n",
         )
     if rest.helm.by == "nothing":
         yield _wrong(
             "steering.none",
             "vehicle.propellers",
-            "nothing turns it: it has no rudder, no steered propeller and none off its centreline",
-            "give vehicle.rudders, a propeller's steering, or two propellers side by side",
+            "nothing turns the vessel: it has no rudder, no steered propeller and no propeller off its centreline",
+            "add vehicle.rudders, steering to a propeller, or two propellers side by side",
         )
-    for what, names in (("course", "N_v, Y_r and N_r"), ("trim", "M_w, Z_q and M_q")):
-        if str(stability := values[f"{what}_stability"]).startswith("unstable"):
+    for quantity, names in (("course", "N_v, Y_r and N_r"), ("trim", "M_w, Z_q and M_q")):
+        if str(stability := values[f"{quantity}_stability"]).startswith("unstable"):
             yield _odd(
-                f"{what}.unstable",
+                f"{quantity}.unstable",
                 "vehicle.stern_force",
-                f"its {what} is {stability}: a small disturbance grows until something else stops it",
+                f"its {quantity} is {stability}: a small disturbance grows until another force limits it",
                 f"check {names} against the Munk moment, which follows from the added masses",
             )
     if (heel := _number(values, "turn_heel_deg")) > 15:
         yield _wrong(
             "turn.heel",
             "vehicle.centre_of_gravity_frd_m",
-            f"it heels {heel:.0f} degrees in a turn at full throttle",
+            f"the vessel heels {heel:.0f} degrees in a turn at full throttle",
             "check the metacentric height and the roll damping",
         )
     for side, sign in (("starboard", 1), ("port", -1)):
@@ -624,8 +619,8 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
             yield _wrong(
                 "steering.reversed",
                 "vehicle.propellers",
-                f"steering to {side} turns it the other way",
-                "check the places of propellers and rudders: x forward, y to starboard",
+                f"steering to {side} turns the vessel to the other side",
+                "check the positions of propellers and rudders: x forward, y to starboard",
             )
 
 

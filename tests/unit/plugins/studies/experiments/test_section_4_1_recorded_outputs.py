@@ -102,5 +102,5 @@ def test_a_short_arc_ends_in_time(duration_s: float, tmp_path: Path) -> None:
 
 
 def test_a_vessel_that_two_propellers_do_not_steer(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="--real log"):
+    with pytest.raises(UserError, match="use --real with a log"):
         stand_in_profile("vehicles/asv-steered", ExperimentSetup(tmp_path), drawn_factors(1))

@@ -9,9 +9,8 @@ import pytest
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Section
 from xitl_cli.plugins.studies.manoeuvres import validation
-from xitl_cli.plugins.studies.manoeuvres.advice import advice
 from xitl_cli.plugins.studies.manoeuvres.validation import FigureReference, ValidatedFigure, VesselValidation
-from xitl_cli.plugins.studies.manoeuvres.validation_page import validation_page
+from xitl_cli.plugins.studies.manoeuvres.validation_page import advice, validation_page
 
 SOURCES = {
     validation.ARCHIMEDES: "vehicle.mass_kg",
@@ -35,8 +34,8 @@ def figure(value: float | None, source: str, at_most: bool = False) -> Validated
 def test_each_difference_has_a_key_to_change_and_its_weight(source: str) -> None:
     assert advice(figure(10.4, source)) == ""
     near, far, never = (advice(figure(value, source)) for value in (11.0, 15.0, None))
-    assert near.startswith("It hardly matters, 2 times its tolerance off: ")
-    assert far.startswith("It matters, 10 times its tolerance off: ")
+    assert near.startswith("It hardly matters: the error is 2 times its tolerance, and ")
+    assert far.startswith("It matters: the error is 10 times its tolerance, and ")
     assert never.startswith("It matters: the manoeuvre never reached it. To change it, ")
     assert all(SOURCES[source] in text for text in (near, far, never))
 
