@@ -244,11 +244,11 @@ def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Genera
     close, afloat = _compute_contacts(fleet, state, environment)
     # Motion of the vessels
     batches = []
-    for simulation, batch, (held, around), water, command in zip(
+    for simulation, batch, (flows, around), water, command in zip(
         fleet.batches, state.batches, felt, afloat, commands, strict=True
     ):
         vessel = vessel_motion.step(simulation.vessel, batch.vessel, command, around, water.wrench_frd)
-        batches.append(SimulationState(time_ns, vessel, environment, *held, around.drift_frd_n, around.surface, water))
+        batches.append(SimulationState(time_ns, vessel, environment, *flows, around.drift_frd_n, around.surface, water))
     return FleetState(time_ns, tuple(batches), environment, close)
 
 

@@ -116,9 +116,9 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
 
 def at_start(simulation: Simulation, vessel: VesselState, environment: EnvironmentState) -> SimulationState:
     """Return the state at time 0."""
-    held = _held(simulation, environment, vessel.motion, 0.0)
-    around = _around(simulation, held, vessel.motion, 0.0, None)
-    return SimulationState(0, vessel, environment, *held, around.drift_frd_n, around.surface)
+    flows = _flows_at(simulation, environment, vessel.motion, 0.0)
+    around = _around(simulation, flows, vessel.motion, 0.0, None)
+    return SimulationState(0, vessel, environment, *flows, around.drift_frd_n, around.surface)
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
@@ -129,7 +129,7 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
     if long_step:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
     # Water and air at the vessels
-    held, around = feel(simulation, state, environment)
+    flows, around = feel(simulation, state, environment)
     # Debris and contacts
     afloat = state.afloat
     if simulation.waterway is not OPEN_WATER and (long_step or not afloat.idle):
@@ -144,7 +144,7 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
     # Motion of the vessels
     vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
     time_ns = state.time_ns + simulation.dt_ns
-    return SimulationState(time_ns, vessel, environment, *held, around.drift_frd_n, around.surface, afloat)
+    return SimulationState(time_ns, vessel, environment, *flows, around.drift_frd_n, around.surface, afloat)
 
 
 def elevation_m(simulation: Simulation, state: SimulationState) -> Array:
@@ -192,13 +192,15 @@ def feel(
     """
     motion, time_s = state.vessel.motion, state.time_ns * 1e-9
     if state.time_ns % simulation.drift_ns == 0:
-        held = _held(simulation, environment, motion, time_s)
-        return held, _around(simulation, held, motion, time_s, None)
-    held = state.current_ned_mps, state.wind_ned_mps
-    return held, _around(simulation, held, motion, time_s, state.drift_frd_n)
+        flows = _flows_at(simulation, environment, motion, time_s)
+        return flows, _around(simulation, flows, motion, time_s, None)
+    flows = state.current_ned_mps, state.wind_ned_mps
+    return flows, _around(simulation, flows, motion, time_s, state.drift_frd_n)
 
 
-def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float) -> tuple[Array, Array]:
+def _flows_at(
+    simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float
+) -> tuple[Array, Array]:
     """Return the (N, 3) velocities of the current and of the air at the vessels' areas, which are held for a period."""
     environment = simulation.environment
     current = environment.current_ned_mps(state.current, time_s, motion.pos_ned_m)
@@ -207,10 +209,10 @@ def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, t
 
 
 def _around(
-    simulation: Simulation, held: tuple[Array, Array], motion: Kinematics, time_s: float, drift_frd_n: Array | None
+    simulation: Simulation, flows: tuple[Array, Array], motion: Kinematics, time_s: float, drift_frd_n: Array | None
 ) -> Surroundings:
     """Return the surroundings of the vessels. drift_frd_n: the held (N, 2) mean wave force, None to compute it."""
-    current, wind = held
+    current, wind = flows
     surface = simulation.hull_waves.sample(time_s, motion.pos_ned_m, motion.rot_ned_frd)
     tide = simulation.environment.tide
     if tide is not NO_TIDE:

@@ -204,8 +204,8 @@ class SectionHulls:
         # The waterline of the level vessel at rest
         check_reserve(model, water, hulls.volume_m3)
         depth_m = upright_depth_m(model, hulls)
-        wet, one, other = _wet_share(z + depth_m)
-        displaced_m3 = length_m * (across * wet * (one + other)).sum(axis=1)
+        wet, start, end = _wet_share(z + depth_m)
+        displaced_m3 = length_m * (across * wet * (start + end)).sum(axis=1)
         return replace(
             hulls,
             points_frd_m=hulls.points_frd_m - [0.0, 0.0, depth_m],
@@ -231,12 +231,12 @@ class SectionHulls:
         """Return the (N, 4) lift and its moments about x, y and z."""
         # Integrals of the depth along the part of each edge under water
         depth = self._depth_m(pos_ned_m, down_frd, surface)
-        wet, one, other = _wet_share(depth)
-        both = one + other
+        wet, start, end = _wet_share(depth)
+        both = start + end
         edges = np.empty((len(depth), 3, *both.shape[1:]))
         np.multiply(wet, both, out=edges[:, 0])
-        np.multiply(wet, wet * (one - other) + 3.0 * other, out=edges[:, 1])
-        np.multiply(wet, both * both - one * other, out=edges[:, 2])
+        np.multiply(wet, wet * (start - end) + 3.0 * end, out=edges[:, 1])
+        np.multiply(wet, both * both - start * end, out=edges[:, 2])
         sums = edges.reshape(len(depth), -1) @ self.per_edge
         # Area and moments, by the divergence theorem with the field g d / |g|^2
         across, down = down_frd[:, 1:2] + surface.slope_frd[:, 1:2], down_frd[:, 2:3]
@@ -261,8 +261,8 @@ def _wet_share(depth_m: Array) -> tuple[Array, Array, Array]:
     water.
     """
     under, size = np.maximum(depth_m, 0.0), np.abs(depth_m)
-    one, other = under[..., :-1], under[..., 1:]
-    return (one + other) / (size[..., :-1] + size[..., 1:] + _TINY), one, other
+    start, end = under[..., :-1], under[..., 1:]
+    return (start + end) / (size[..., :-1] + size[..., 1:] + _TINY), start, end
 
 
 def _cut_hull(number: int, hull: DemiHull) -> HullStrips:

@@ -52,27 +52,20 @@ class CommandHandlers:
         self._streams = streams
         self._stores = stores
         pilot = hub.autopilot
-        # Commands that the autopilot executes or refuses: a function that returns the reason, and the result then.
-        executed: dict[int, tuple[Callable[[Command], object], int]] = {
-            mav.MAV_CMD_MISSION_START: (lambda c: pilot.commands.start_mission(), mav.MAV_RESULT_FAILED),
-            mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: (lambda c: pilot.set_mode(modes.RTL), mav.MAV_RESULT_FAILED),
-            mav.MAV_CMD_NAV_LOITER_UNLIM: (lambda c: pilot.set_mode(modes.LOITER), mav.MAV_RESULT_FAILED),
-            mav.MAV_CMD_DO_SET_MISSION_CURRENT: (
-                lambda c: pilot.commands.set_current(_whole(c.p1)),
-                mav.MAV_RESULT_DENIED,
-            ),
-            mav.MAV_CMD_DO_SET_REVERSE: (lambda c: pilot.commands.set_reverse(c.p1 == 1.0), mav.MAV_RESULT_DENIED),
-            mav.MAV_CMD_DO_SET_SERVO: (
-                lambda c: pilot.commands.set_servo(_whole(c.p1), _whole(c.p2)),
-                mav.MAV_RESULT_FAILED,
-            ),
-            mav.MAV_CMD_DO_REPEAT_SERVO: (
-                lambda c: pilot.commands.repeat_servo(_whole(c.p1), _whole(c.p2), _whole(c.p3), c.p4),
-                mav.MAV_RESULT_FAILED,
-            ),
-        }
         self.table: dict[int, Callable[[Command, int], Answer]] = {
-            **{number: _executor(execute, otherwise) for number, (execute, otherwise) in executed.items()},
+            # Commands that the autopilot executes, or refuses with a reason
+            mav.MAV_CMD_MISSION_START: _executor(lambda c: pilot.commands.start_mission()),
+            mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: _executor(lambda c: pilot.set_mode(modes.RTL)),
+            mav.MAV_CMD_NAV_LOITER_UNLIM: _executor(lambda c: pilot.set_mode(modes.LOITER)),
+            mav.MAV_CMD_DO_SET_MISSION_CURRENT: _executor(
+                lambda c: pilot.commands.set_current(_whole(c.p1)), mav.MAV_RESULT_DENIED
+            ),
+            mav.MAV_CMD_DO_SET_REVERSE: _executor(lambda c: pilot.commands.set_reverse(c.p1 == 1.0)),
+            mav.MAV_CMD_DO_SET_SERVO: _executor(lambda c: pilot.commands.set_servo(_whole(c.p1), _whole(c.p2))),
+            mav.MAV_CMD_DO_REPEAT_SERVO: _executor(
+                lambda c: pilot.commands.repeat_servo(_whole(c.p1), _whole(c.p2), _whole(c.p3), c.p4)
+            ),
+            # Commands with conditions of their parameters
             mav.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_or_disarm,
             mav.MAV_CMD_DO_SET_MODE: self._set_mode,
             mav.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
@@ -410,7 +403,10 @@ def _whole(value: float) -> int:
     return int(value) if 0.0 <= value <= 1e9 and value == int(value) else -1
 
 
-def _executor(execute: Callable[[Command], object], otherwise: int) -> Callable[[Command, int], Answer]:
+def _executor(
+    execute: Callable[[Command], str], otherwise: int = mav.MAV_RESULT_FAILED
+) -> Callable[[Command, int], Answer]:
+    """Return the handler of a command. execute: returns the reason of a refusal. otherwise: the result then."""
     return lambda c, now_ns: _accepted(not execute(c), otherwise)
 
 

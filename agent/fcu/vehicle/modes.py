@@ -198,12 +198,12 @@ def _kept(navigator: Navigator, now: ModeInput, station: StationKeeping) -> Guid
     return station.steer(now.guidance(navigator.gains, navigator.cruise_mps))
 
 
-def _along(navigator: Navigator, now: ModeInput, transit: PointTransit, most_mps: float, what: str) -> ModeOutput:
+def _along(navigator: Navigator, now: ModeInput, transit: PointTransit, most_mps: float, goal: str) -> ModeOutput:
     under_way = transit.under_way
     astern = navigator.astern and not transit.arrived
     output = transit.steer(now.guidance(navigator.gains, most_mps, astern))
     if under_way and transit.arrived:
-        navigator.events.add(NOTICE, f"Reached {what}")
+        navigator.events.add(NOTICE, f"Reached {goal}")
     return _toward(navigator, now, turned_about(output) if astern else output)
 
 
