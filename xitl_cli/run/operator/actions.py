@@ -207,7 +207,7 @@ def read_action(action: Mapping[str, Any], before: Specification | None = None) 
     """
     name = action_name(action)
     changes = {key: value for key, value in action.items() if key != "action"}
-    group = GROUPS[name]
+    group: Any = GROUPS[name]
     keys: dict[str, Any] = key_annotations(group)
     if name in ENVIRONMENT and not changes:
         raise ActionError(f"{name} changes nothing; give it a key of environment.{name}, such as {next(iter(keys))}")
@@ -225,7 +225,8 @@ def read_action(action: Mapping[str, Any], before: Specification | None = None) 
 def _plain(value: Any) -> Any:
     """Convert groups to dicts at all levels."""
     if isinstance(value, Specification):
-        return {key: _plain(getattr(value, key)) for key in key_annotations(type(value))}
+        group: Any = type(value)
+        return {key: _plain(getattr(value, key)) for key in key_annotations(group)}
     return tuple(map(_plain, value)) if isinstance(value, tuple) else value
 
 
