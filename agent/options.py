@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Callable, NoReturn
 
 import agent
-from agent.bridges.kinds import NEEDED_LINK, NO_LINK, OWN_SENSORS, BridgeError, bridge_kind
 from agent.files import read_text
 from agent.machine import REAL, VIRTUAL
 from agent.timing.realtime import DEFAULT_PRIORITY
@@ -114,6 +113,8 @@ def check_bridge(options: Options) -> None:
         if options.after_run != KEEP:
             raise OptionsError(f"after-run: the role {options.role} has no autopilot to reboot; use --role {BRIDGE}")
         return
+    from agent.bridges.kinds import NEEDED_LINK, NO_LINK, BridgeError, bridge_kind
+
     if not options.autopilot:
         raise OptionsError(
             "autopilot: a bridge needs the URL of its MAVLink; write it like --autopilot tcp://127.0.0.1:5760"
@@ -239,6 +240,8 @@ def _channels(text: str) -> tuple[int, ...]:
 
 
 def _parser(program: str) -> argparse.ArgumentParser:
+    from agent.bridges.kinds import OWN_SENSORS
+
     parser = _Parser(
         prog=program,
         description="Run the embedded autopilot, a companion or a bridge to another autopilot for a simulation host.",

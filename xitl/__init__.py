@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from xitl_cli.logs.model.errors import LogError
     from xitl_cli.plugins.campaign.api import campaign
     from xitl_cli.plugins.studies.api import paper
-    from xitl_cli.plugins.view.api import picture, replay_html
+    from xitl_cli.plugins.view.plugin import picture, replay_html
 
 __all__ = [
     "LogError",
@@ -56,8 +56,8 @@ _ELSEWHERE = {
     "UserError": "xitl_cli.errors",
     "campaign": "xitl_cli.plugins.campaign.api",
     "paper": "xitl_cli.plugins.studies.api",
-    "picture": "xitl_cli.plugins.view.api",
-    "replay_html": "xitl_cli.plugins.view.api",
+    "picture": "xitl_cli.plugins.view.plugin",
+    "replay_html": "xitl_cli.plugins.view.plugin",
 }
 """The module of each name that is not in `xitl_cli.api`."""
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from xitl_cli.scenery import Scenery
     from xitl_cli.seeds import Seeds
 
-__all__ = ["Command", "DriverContext", "DriverKind", "NodeContext", "NodeKind"]
+__all__ = ["Command", "DriverContext", "DriverKind", "LiveOutputKind", "NodeContext", "NodeKind"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +147,23 @@ class DriverKind:
     keys: type | None = None
     """Keys of the profile below `plugins.NAME`: a frozen dataclass that derives from `sim_core.keys.Specification`. If
     the profile has no such group, all keys have their default values."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveOutputKind:
+    """A kind of live output, under the name of its entry point (group `xitl.live_outputs`).
+
+    A run has the output when its profile says `live.outputs: [NAME]`, or with `--live NAME`.
+    """
+
+    make: Callable[[Sequence[RunProfile], Any], Any]
+    """`make(profiles, keys)` returns the `xitl_cli.run.core.live_output.LiveOutput` of one run.
+
+    profiles: one for each vessel. Raises UserError when the run cannot have it.
+    """
+
+    keys: type | None = None
+    """Keys of the profile below `plugins.NAME`, as `DriverKind.keys`."""
 
 
 def keep_group(app: typer.Typer) -> None:

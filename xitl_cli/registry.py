@@ -12,12 +12,12 @@ The entry points are read once per process, at the first question.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from agent.entry_points import EntryPoint, ranked_entry_points
+from agent.entry_points import OWN_PACKAGE, EntryPoint, ranked_entry_points
 from xitl_cli.errors import UserError
 
 COMMANDS = "xitl.commands"
@@ -43,11 +43,10 @@ GROUPS = {
     LOG_ANALYSES: "analyses of `xitl logs analyze`: a function from a `Log` to a `Section`, or to None",
     LOG_FORMATS: "formats of logs beyond those of xitl: `xitl_cli.logs.formats.added.LogFormat`",
     LIVE_OUTPUTS: "live outputs of a run, as a function from profiles to "
-    "`xitl_cli.run.core.live_output.LiveOutput`. A profile asks for `view`, `foxglove` and `ros`",
-    LOG_EXPORTS: "bag formats of `xitl logs export`, as a function that writes a log. `--format` knows `rosbag1`, "
-    "`rosbag2-mcap` and `rosbag2-sqlite3`",
-    LOG_REPLAYS: "the 3D replay in the page of `xitl logs analyze`, as a function from a report to "
-    "`xitl_cli.logs.report.page.Replay`. The page asks for `view`",
+    "`xitl_cli.run.core.live_output.LiveOutput`, or `xitl_cli.plugin.LiveOutputKind`",
+    LOG_EXPORTS: "formats of `xitl logs export`, as a function that writes a log",
+    LOG_REPLAYS: "replays in the page of `xitl logs analyze`, as a function from a report to "
+    "`xitl_cli.logs.report.page.Replay`",
     BOARDS: "kinds of boards, by the prefix of their names: a function from a name to `xitl_cli.deploy.ssh.Board`",
     DOCTOR_CHECKS: "checks of `xitl doctor`: a function that returns `agent.board.doctor.DoctorFinding` objects",
     PROFILES: "folders of profiles: a `Path`, searched after the shipped profiles",
@@ -92,6 +91,29 @@ def load(group: str, name: str) -> Any:
             "(`xitl plugins` lists the installed ones)"
         )
     return _loaded(entry)
+
+
+def guarded(group: str, name: str, call: Callable[..., Any], *arguments: Any) -> Any:
+    """Return the result of a plug-in's function. An exception of another package becomes PluginError.
+
+    UserError, LogError and OSError are passed on, and so are all exceptions of xitl's own plug-ins.
+    """
+    try:
+        return call(*arguments)
+    except (UserError, OSError):
+        raise
+    except Exception as problem:
+        import traceback
+
+        from xitl_cli.logs.model.errors import LogError
+
+        package = package_of(group, name)
+        if package.split()[0] == OWN_PACKAGE or isinstance(problem, LogError):
+            raise
+        last = traceback.extract_tb(problem.__traceback__)[-1]
+        reason = " ".join(f"{type(problem).__name__}: {problem}".split()).removesuffix(":")
+        where = f"{last.filename.rpartition('/')[2]}:{last.lineno}"
+        raise PluginError(f"{name}: the plug-in of {package} failed ({reason}, {where}); correct it") from problem
 
 
 def load_all(group: str) -> Iterator[tuple[str, Any]]:

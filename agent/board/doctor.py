@@ -180,19 +180,19 @@ def check_memory(root: Path) -> DoctorFinding:
     except (KeyError, IndexError, ValueError):
         return DoctorFinding("memory", WARNING, "unknown: /proc/meminfo cannot be read", "mount /proc")
     found = f"{free_mib} MiB of {total_mib} MiB available"
-    if free_mib < GOOD_MEMORY_MIB:
-        level = PROBLEM if free_mib < LEAST_MEMORY_MIB else WARNING
-        return DoctorFinding("memory", level, found, "the agent needs about 30 MiB; stop services that are not needed")
-    return DoctorFinding("memory", OK, found)
+    if free_mib >= GOOD_MEMORY_MIB:
+        return DoctorFinding("memory", OK, found)
+    level = WARNING if free_mib >= LEAST_MEMORY_MIB else PROBLEM
+    return DoctorFinding("memory", level, found, "the agent needs about 30 MiB; stop services that are not needed")
 
 
 def check_disk(place: str, free_bytes: int) -> DoctorFinding:
     free_mib = free_bytes // (1 << 20)
     found = f"{free_mib} MiB free at {place}"
-    if free_mib < GOOD_DISK_MIB:
-        level = PROBLEM if free_mib < LEAST_DISK_MIB else WARNING
-        return DoctorFinding("disk", level, found, "free some space: a log takes about 1 MiB per minute")
-    return DoctorFinding("disk", OK, found)
+    if free_mib >= GOOD_DISK_MIB:
+        return DoctorFinding("disk", OK, found)
+    level = WARNING if free_mib >= LEAST_DISK_MIB else PROBLEM
+    return DoctorFinding("disk", level, found, "free some space: a log takes about 1 MiB per minute")
 
 
 def check_clock(root: Path, resolution_s: float) -> DoctorFinding:
@@ -326,6 +326,7 @@ def _limit(root: Path, name: str) -> float | None:
 
 
 def _capable(root: Path, capability: int) -> bool:
+    """Whether this process has a capability."""
     for line in read(root / "proc/self/status").splitlines():
         if line.startswith("CapEff:"):
             try:

@@ -25,8 +25,7 @@ from time import monotonic, sleep
 from typing import Callable
 
 from agent.bridges.injector import Injector, InjectorCounters
-from agent.bridges.readings import SampleDecimator, SensorReadings
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
+from agent.bridges.readings import InertialSample, Navigation, ReceiverFix, SampleDecimator, SensorReadings
 from agent.navigation.measurements import ImuMeasurement
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire.codec import Message
@@ -57,7 +56,7 @@ class SensorLine:
     without limit. Up to `WAITING_FRAMES` frames wait when the line does not accept them. Beyond that, the oldest is
     dropped and counted.
 
-    unsent: number of frames dropped, or sent while nobody was connected.
+    unsent: number of frames dropped, or sent without a connection.
     sent: number of frames that the line accepted, by kind.
     calls: we connect to the other end, at the next `receive` after each `call`.
     """
@@ -108,20 +107,15 @@ class SensorLine:
                 self.sent[waiting.popleft()[1]] += 1
         elif self._sent_ns is None or not 0 <= now_ns - self._sent_ns < DATAGRAM_NS:
             self._sent_ns = now_ns
-            self._send_bundled()
-
-    def _send_bundled(self) -> None:
-        waiting = self._waiting
-        bundle, count = b"", 0
-        for frame, _ in waiting:
-            if count and len(bundle) + len(frame) > DATAGRAM_BYTES:
-                break
-            bundle += frame
-            count += 1
-        if not self._transport.send(bundle):
-            return
-        for _ in range(count):
-            self.sent[waiting.popleft()[1]] += 1
+            bundle, count = b"", 0
+            for frame, _ in waiting:
+                if count and len(bundle) + len(frame) > DATAGRAM_BYTES:
+                    break
+                bundle += frame
+                count += 1
+            if transport.send(bundle):
+                for _ in range(count):
+                    self.sent[waiting.popleft()[1]] += 1
 
     def receive(self) -> list[bytes]:
         """Return the received bytes. Also connect to the other end if necessary."""
@@ -265,7 +259,7 @@ class Ahrs(Injector):
         self._inertial_pace, self._paced_hz = SampleDecimator(0), 0.0
         self._gauge = RateGauge()
         self._limit = SpeedLimit(LOCKSTEP_FACTOR)
-        self._told_slow = self._told_absent = self._was_taken = False
+        self._reported_slow = self._reported_absent = self._was_accepted = False
         self._newest: InertialSample | None = None
 
     def handle(self, message: Message, now_ns: int) -> None:
@@ -288,16 +282,16 @@ class Ahrs(Injector):
             if self.handle_bytes(chunk):
                 self._line.accept_sender(index)
         self._flush(now_ns)
-        taken = self.is_accepted()
-        if taken and not self._was_taken:
-            self._told_absent = True  # from here on, the connection can only be lost
-            self._say(_NOTICE, f"the autopilot takes our sensors as a {self.title} at {self._line.address}")
-        elif self._was_taken and not taken:
-            self._say(_WARNING, f"the autopilot takes no sensors at {self._line.address} any more; they are lost")
-        elif not taken and not self._told_absent and now_ns - self._began_ns > PATIENCE_NS:
-            self._told_absent = True
-            self._say(_WARNING, f"nothing asks for a {self.title} at {self._line.address}; {self.hint()}")
-        self._was_taken = self.counts.taken = taken
+        accepted = self.is_accepted()
+        if accepted and not self._was_accepted:
+            self._reported_absent = True  # from here on, the connection can only be lost
+            self._say(_NOTICE, f"the autopilot accepts our sensors as a {self.title} at {self._line.address}")
+        elif self._was_accepted and not accepted:
+            self._say(_WARNING, f"the autopilot no longer accepts sensors at {self._line.address}; they are lost")
+        elif not accepted and not self._reported_absent and now_ns - self._began_ns > PATIENCE_NS:
+            self._reported_absent = True
+            self._say(_WARNING, f"nothing requests a {self.title} at {self._line.address}; {self.hint()}")
+        self._was_accepted = self.counts.taken = accepted
 
     def advance(self, now_ns: int) -> bool:
         self._flush(now_ns)
@@ -325,26 +319,24 @@ class Ahrs(Injector):
     def _on_imu(self, imu: ImuMeasurement) -> None:
         readings = self._readings
         if readings.field is not None and readings.pressure is not None:
-            self._send_inertial(imu)
+            self._line.call()
+            requested_hz = self.requested_hz()
+            if requested_hz != self._paced_hz:
+                period_ns = round(1e9 / requested_hz) if requested_hz else 0
+                self._inertial_pace, self._paced_hz = SampleDecimator(period_ns), requested_hz
+            rate_hz = self._gauge.add(imu.stamp_ns)
+            if rate_hz is not None and rate_hz < _SLOW * requested_hz and not self._reported_slow:
+                self._reported_slow = True
+                text = f"inertial samples arrive at {rate_hz:.0f} Hz, but the autopilot requests {requested_hz:.0f}"
+                self._say(_WARNING, f"{text}; set EAHRS_RATE to sensors.imu.rate_hz")
+            if self._inertial_pace.is_due(imu.stamp_ns):
+                self._newest = readings.inertial_sample(imu)
+                self._send_frame(self.inertial_frame(self._newest), _INERTIAL)
         readings.solve(imu)
         if self._solution_pace.is_due(imu.stamp_ns):
             navigation = readings.solution()
             if navigation is not None:
                 self._send_frame(self.solution_frame(navigation), _SOLUTION)
-
-    def _send_inertial(self, imu: ImuMeasurement) -> None:
-        self._line.call()
-        asked_hz = self.requested_hz()
-        if asked_hz != self._paced_hz:
-            self._inertial_pace, self._paced_hz = SampleDecimator(round(1e9 / asked_hz) if asked_hz else 0), asked_hz
-        rate_hz = self._gauge.add(imu.stamp_ns)
-        if rate_hz is not None and rate_hz < _SLOW * asked_hz and not self._told_slow:
-            self._told_slow = True
-            text = f"inertial samples come at {rate_hz:.0f} Hz, the autopilot asks for {asked_hz:.0f}"
-            self._say(_WARNING, f"{text}; set EAHRS_RATE to sensors.imu.rate_hz")
-        if self._inertial_pace.is_due(imu.stamp_ns):
-            self._newest = self._readings.inertial_sample(imu)
-            self._send_frame(self.inertial_frame(self._newest), _INERTIAL)
 
     def _send_frame(self, frame: bytes | None, kind: str) -> None:
         if frame is not None:

@@ -33,29 +33,27 @@ class BridgeCounts:
     ] = 0
     gnss_out: Annotated[int, "int64", "satellite receiver frames to the autopilot"] = 0
     unsent: Annotated[int, "int64", "frames that the line to the autopilot did not accept"] = field(
-        default=0, metadata={"trouble": "not taken"}
+        default=0, metadata={"trouble": "not accepted"}
     )
     world_in: Annotated[int, "int64", "frames of its world that the autopilot requested"] = 0
     world_resent: Annotated[int, "int64", "frames of its world that it requested again"] = field(
-        default=0, metadata={"trouble": "asked for again"}
+        default=0, metadata={"trouble": "requested again"}
     )
     world_lost: Annotated[int, "int64", "requested frames of its world that were missed"] = field(
         default=0, metadata={"trouble": "missed"}
     )
-    restarts: Annotated[int, "int64", "restarts of the autopilot"] = field(
-        default=0, metadata={"trouble": "restarts of it"}
-    )
+    restarts: Annotated[int, "int64", "restarts of the autopilot"] = field(default=0, metadata={"trouble": "restarts"})
     outputs_in: Annotated[int, "int64", "sets of outputs received from the autopilot"] = 0
     commands_in: Annotated[int, "int64", "answered commands of the sensor unit's handshake"] = 0
     junk: Annotated[int, "int64", "bytes from the autopilot that no protocol accepts"] = field(
-        default=0, metadata={"trouble": "bytes not understood"}
+        default=0, metadata={"trouble": "bytes of no protocol"}
     )
     mavlink_in: Annotated[int, "int64", "valid MAVLink frames from the autopilot"] = 0
     mavlink_lost: Annotated[
         int, "int64", "MAVLink frames missing by their sequence numbers; losses in a row are counted modulo 256"
     ] = field(default=0, metadata={"trouble": "MAVLink lost"})
     mavlink_dropped: Annotated[int, "int64", "damaged MAVLink frames"] = 0
-    mavlink_passed: Annotated[int, "int64", "MAVLink frames of kinds that nobody here uses"] = 0
+    mavlink_passed: Annotated[int, "int64", "MAVLink frames of types that xitl does not use"] = 0
     mavlink_out: Annotated[int, "int64", "MAVLink frames to the autopilot"] = 0
     script_in: Annotated[int, "int64", "frames that the script on the autopilot received"] = 0
     script_out: Annotated[int, "int64", "frames that the script passed on"] = 0
@@ -73,19 +71,19 @@ class BridgeCounts:
     def total(cls, parts: Iterable[BridgeCounts]) -> BridgeCounts:
         """Return the sums over the injectors of a bridge, and the highest rate."""
         total, parts = cls(), list(parts)
-        for name in (each.name for each in fields(cls)):
-            setattr(total, name, sum(getattr(part, name) for part in parts))
+        for count in fields(cls):
+            setattr(total, count.name, sum(getattr(part, count.name) for part in parts))
         total.world_rate = max((part.world_rate for part in parts), default=0)
         return total
 
     @classmethod
     def of_message(cls, message: Any) -> BridgeCounts:
         """Read an XITL_BRIDGE_STATUS."""
-        return cls(**{each.name: int(getattr(message, each.name)) for each in fields(cls)})
+        return cls(**{count.name: int(getattr(message, count.name)) for count in fields(cls)})
 
     def on_wire(self) -> dict[str, int]:
         """Return the fields of XITL_BRIDGE_STATUS. A value beyond its type becomes the largest value of the type."""
         return {
-            each.name: min(getattr(self, each.name), _LARGEST[each.metadata.get("wire", UINT32)])
-            for each in fields(self)
+            count.name: min(getattr(self, count.name), _LARGEST[count.metadata.get("wire", UINT32)])
+            for count in fields(self)
         }

@@ -15,8 +15,7 @@ from typing import Callable
 
 from agent.bridges import hil_messages as hil
 from agent.bridges.injector import Injector, InjectorCounters, InjectorError
-from agent.bridges.readings import SampleDecimator, SensorReadings
-from agent.bridges.samples import ReceiverFix
+from agent.bridges.readings import ReceiverFix, SampleDecimator, SensorReadings
 from agent.bridges.vehicle_link import VehicleLink
 from agent.navigation.measurements import ImuMeasurement
 from agent.timing.clock import Clock, MonotonicClock
@@ -43,8 +42,8 @@ class HilMessages(Injector):
         self.counts = InjectorCounters()
         self._vehicle = vehicle
         self._unix_s = unix_s
-        self._told: dict[str, float] = {}  # last values from the script, counted since its own start
-        vehicle.add_tap(self._hear)
+        self._script: dict[str, float] = {}  # last values from the script, counted since its own start
+        vehicle.add_tap(self._on_vehicle)
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
     @classmethod
@@ -90,14 +89,14 @@ class HilMessages(Injector):
         if silent and not self._silent:
             self._say(
                 _WARNING,
-                "the script on the autopilot says nothing; set SCR_ENABLE 1 and bring it there: "
+                "the script on the autopilot does not answer; set SCR_ENABLE 1 and install it: "
                 "xitl params push PROFILE VEHICLE --with-script --reboot",
             )
         elif self._silent and not silent:
-            self._say(_NOTICE, "the script on the autopilot is heard")
+            self._say(_NOTICE, "the script on the autopilot answers")
         self._silent = silent
         self.counts.script_answers = self._heard_ns is not None and not silent
-        self.counts.taken = self.counts.script_answers and self._told.get("hs") == 1.0
+        self.counts.taken = self.counts.script_answers and self._script.get("hs") == 1.0
 
     # -- samples
 
@@ -123,7 +122,7 @@ class HilMessages(Injector):
 
     # -- the script
 
-    def _hear(self, message: Message) -> None:
+    def _on_vehicle(self, message: Message) -> None:
         if not isinstance(message, mav.MAVLink_named_value_float_message):
             return
         raw: object = message.name
@@ -134,20 +133,15 @@ class HilMessages(Injector):
         if not isfinite(value):
             return
         self._heard_ns = self._clock.now_ns()
-        told = self._told
-        if key == "in" and self._began_anew(value):
-            self.counts.restarts += key in told
-            told.update(dict.fromkeys(_COUNTERS, 0.0))
-        before, told[key] = told.get(key, value), value
+        script, counts = self._script, self.counts
+        if key == "in":
+            sent = counts.imu_out + counts.solution_out + counts.gnss_out
+            started_in_run = key not in script and value <= sent
+            restarted = key in script and value < script[key]
+            counts.restarts += restarted
+            if started_in_run or restarted:
+                script.update(dict.fromkeys(_COUNTERS, 0.0))
+        before, script[key] = script.get(key, value), value
         counter = _COUNTERS.get(key)
         if counter is not None:
-            setattr(self.counts, counter, getattr(self.counts, counter) + max(round(value - before), 0))
-
-    def _began_anew(self, taken: float) -> bool:
-        """Whether the script has restarted since its last message.
-
-        Before the first message: whether it started in this run.
-        """
-        before = self._told.get("in")
-        counts = self.counts
-        return taken <= counts.imu_out + counts.solution_out + counts.gnss_out if before is None else taken < before
+            setattr(counts, counter, getattr(counts, counter) + max(round(value - before), 0))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
+from agent.bridges.readings import InertialSample, Navigation, ReceiverFix
 from agent.navigation.gps_time import unix_us
 from agent.navigation.measurements import BarometerMeasurement, MagnetometerMeasurement
 from agent.navigation.position_filter import standard_height_m

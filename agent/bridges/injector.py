@@ -34,13 +34,12 @@ class Injector:
     """Interface that the role calls. Instants are on the clock of the run.
 
     Nothing here raises for bytes from the autopilot.
-
-    title: name for people.
-    counts: new with every `reset`; `taken` is True when the autopilot accepts the samples.
     """
 
     title: str
+    """Name for people."""
     counts: InjectorCounters
+    """New with every `reset`."""
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
         """Start a run on this clock. `say` sends a sentence with a MAV_SEVERITY to the host."""

@@ -165,23 +165,20 @@ class JsonLine:
             except OSError:  # nothing to read, or an error about an undelivered answer
                 return
             if packet[:8] == self._expected and len(packet) == length and sender == self._peer:
-                self._on_next(packet)
+                # The usual packet: it requests the frame after the last one, and its head is as expected.
+                assert self.asked is not None
+                if self._answers:
+                    self._answers.popleft()
+                else:
+                    self.served += 1
+                self._accept(packet, self.asked + 1)
             else:
                 self._on_packet(packet, sender)
                 length = len(self._newest)
             if self.asked == self.served:
                 return
 
-    def _on_next(self, packet: bytes) -> None:
-        """Handle the usual packet: it requests the frame after the last one, and its head is as expected."""
-        assert self.asked is not None
-        if self._answers:
-            self._answers.popleft()
-        else:
-            self.served += 1
-        self._keep(packet, self.asked + 1)
-
-    def _keep(self, packet: bytes, frame: int) -> None:
+    def _accept(self, packet: bytes, frame: int) -> None:
         self.asked = frame
         self._expected = packet[:4] + (frame + 1 & 0xFFFFFFFF).to_bytes(4, "little")
         self.counts.world_in += 1
@@ -194,47 +191,31 @@ class JsonLine:
             self.counts.junk += len(packet)
             return
         rate_hz, frame = head
-        asked = self.asked
+        asked, answers = self.asked, self._answers
         if sender != self._peer or asked is None or (frame == 0 and asked):
-            self._start(sender, frame)
+            is_first = self._peer is None
+            self._peer = sender
+            self.asked = self.served = frame
+            answers.clear()
+            if not is_first:
+                self._on_start(self.peer, frame == 0)
         elif frame == asked:
-            self._answer_again()
+            # Without an answer yet, the autopilot only waits for the host. Otherwise it missed one: repeat them.
+            if answers and monotonic() - self._sent_s > ASKED_AGAIN_S:
+                self.counts.world_resent += 1
+                self._send(list(answers))
+            return
+        elif frame < asked:  # the packet was overtaken on its way
             return
         else:
-            step = frame - asked
-            if step < 0:  # the packet was overtaken on its way
-                return
-            self.counts.world_lost += step - 1
-            self._take(step)
-        self.rate_hz = self.counts.world_rate = rate_hz
-        self._keep(packet, frame)
-
-    def _start(self, sender: Address, frame: int) -> None:
-        first = self._peer is None
-        self._peer = sender
-        self.asked = self.served = frame
-        self._answers.clear()
-        if not first:
-            self._on_start(self.peer, frame == 0)
-
-    def _take(self, step: int) -> None:
-        """Count `step` accepted answers. There can be more than we sent when another program also answered."""
-        answers = self._answers
-        if step >= len(answers):
-            self.served += step - len(answers)
-            answers.clear()
-        else:
-            for _ in range(step):
+            accepted = frame - asked
+            self.counts.world_lost += accepted - 1
+            # There can be more than we sent, when another program also answered.
+            self.served += max(accepted - len(answers), 0)
+            for _ in range(min(accepted, len(answers))):
                 answers.popleft()
-
-    def _answer_again(self) -> None:
-        """Repeat the answers, because the autopilot missed one.
-
-        Without an answer yet, the autopilot only waits for the host.
-        """
-        if self._answers and monotonic() - self._sent_s > ASKED_AGAIN_S:
-            self.counts.world_resent += 1
-            self._send(list(self._answers))
+        self.rate_hz = self.counts.world_rate = rate_hz
+        self._accept(packet, frame)
 
     def answer(self, answers: list[bytes]) -> None:
         """Send answers for the next frames, one datagram each."""

@@ -53,17 +53,17 @@ class FrameTimes:
         Each is the instant in us and the time in seconds that the frame reports.
         """
         base_us, rate_hz, index, total = self._base_us, self._rate_hz, self._index, self._total
-        found: list[tuple[int, float]] = []
-        while len(found) < most:
+        frames: list[tuple[int, float]] = []
+        while len(frames) < most:
             at_us = base_us + (index + 1) * 1_000_000 // rate_hz
             if at_us > end_us:
                 break
             index += 1
             total += 1
-            found.append((at_us, at_us * 1e-6 + total * _SURPLUS_S))
-        if found:
-            self._index, self._total, self.last_us = index, total, found[-1][0]
-        return found
+            frames.append((at_us, at_us * 1e-6 + total * _SURPLUS_S))
+        if frames:
+            self._index, self._total, self.last_us = index, total, frames[-1][0]
+        return frames
 
 
 GRAVITY_MPS2 = 9.80665
@@ -121,7 +121,10 @@ class MotionInterpolator:
         """Motion at an instant. Before the start it is the motion of the start."""
         length_us = self._length_us
         if length_us <= 0 or stamp_us >= self._start_us + length_us:
-            return self._beyond(stamp_us)
+            end = self._end
+            after_s = max(stamp_us - end.stamp_us, 0) * 1e-6
+            (n, e, d), (vn, ve, vd) = end.pos_ned_m, end.vel_ned_mps
+            return (n + vn * after_s, e + ve * after_s, d + vd * after_s, *end.quat_ned_frd, vn, ve, vd)
         u = max(stamp_us - self._start_us, 0) / length_us
         (n0, n1, n2, n3), (e0, e1, e2, e3), (d0, d1, d2, d3) = self._pos
         a, b, c, d = self._quat
@@ -130,23 +133,10 @@ class MotionInterpolator:
         norm = 1.0 / sqrt(a * a + b * b + c * c + d * d)
         (vn, ve, vd), (wn, we, wd) = self._vel, self._more
         return (
-            n0 + u * (n1 + u * (n2 + u * n3)),
-            e0 + u * (e1 + u * (e2 + u * e3)),
-            d0 + u * (d1 + u * (d2 + u * d3)),
-            a * norm,
-            b * norm,
-            c * norm,
-            d * norm,
-            vn + u * wn,
-            ve + u * we,
-            vd + u * wd,
-        )
-
-    def _beyond(self, stamp_us: int) -> MotionValues:
-        end = self._end
-        after_s = max(stamp_us - end.stamp_us, 0) * 1e-6
-        (n, e, d), (vn, ve, vd) = end.pos_ned_m, end.vel_ned_mps
-        return (n + vn * after_s, e + ve * after_s, d + vd * after_s, *end.quat_ned_frd, vn, ve, vd)
+            n0 + u * (n1 + u * (n2 + u * n3)), e0 + u * (e1 + u * (e2 + u * e3)), d0 + u * (d1 + u * (d2 + u * d3)),
+            a * norm, b * norm, c * norm, d * norm,
+            vn + u * wn, ve + u * we, vd + u * wd,
+        )  # fmt: skip
 
     def free_force_frd_mps2(self) -> tuple[float, float, float]:
         """Specific force after the end, at constant velocity and attitude."""
@@ -210,14 +200,14 @@ class JsonWorld(Injector):
         self._extras = ""
         self._now_us = start_ns // 1000
         self._silent_since_s: float | None = None
-        self._silence_said = False
+        self._reported_silence = False
         self._runs_on = False
 
     # -- called for the host
 
     def handle(self, message: Message, now_ns: int) -> None:
         if isinstance(message, mav.MAVLink_xitl_truth_message):
-            self._take_truth(message)
+            self._on_truth(message)
         elif isinstance(message, mav.MAVLink_xitl_imu_message):
             sample = imu_sample_from(message)
             if sample is None:
@@ -229,7 +219,7 @@ class JsonWorld(Injector):
             self._ranges_m[message.id] = message.current_distance * 0.01
             self._extras = extras_text(self._ranges_m, self._wind)
 
-    def _take_truth(self, message: Message) -> None:
+    def _on_truth(self, message: Message) -> None:
         truth = truth_sample_from(message)
         if truth is None:
             self.counts.refused += 1
@@ -253,21 +243,26 @@ class JsonWorld(Injector):
     def advance(self, now_ns: int) -> bool:
         self._now_us = now_ns // 1000
         began_s = monotonic()
-        followed = self._tell(began_s + WAIT_S)
+        followed = self._exchange(began_s + WAIT_S)
         self._advanced_s = monotonic()
         self.counts.taken = followed
         if followed:
-            if self._silence_said:
-                self._say(_NOTICE, "the autopilot takes the world again")
-            self._silent_since_s, self._silence_said = None, False
+            if self._reported_silence:
+                self._say(_NOTICE, "the autopilot accepts the world again")
+            self._silent_since_s, self._reported_silence = None, False
         elif self._silent_since_s is None:
             self._silent_since_s = began_s
-        elif not self._silence_said and self._advanced_s - self._silent_since_s > SILENT_S:
-            self._silence_said = True
-            self._say(_WARNING, self._silence())
+        elif not self._reported_silence and self._advanced_s - self._silent_since_s > SILENT_S:
+            self._reported_silence = True
+            if self._line.asked is None:
+                text = f"no autopilot has requested the world at {self.address}; start it with --model JSON:HOST"
+            else:
+                text = f"the autopilot at {self._line.peer} has not accepted the world since {now_ns * 1e-9:.2f} s"
+            self._say(_WARNING, text)
         return followed
 
-    def _tell(self, until_s: float) -> bool:
+    def _exchange(self, until_s: float) -> bool:
+        """Store the newest pulses and send all frames up to now. Return False when they are not accepted in time."""
         line = self._line
         if not line.wait(0, until_s):
             return False
@@ -323,15 +318,10 @@ class JsonWorld(Injector):
     def _on_start(self, sender: str, anew: bool) -> None:
         if anew:
             self.counts.restarts += 1
-            self._say(_WARNING, f"the autopilot has started anew, at {self._now_us * 1e-6:.2f} s")
+            self._say(_WARNING, f"the autopilot has restarted, at {self._now_us * 1e-6:.2f} s")
             self._on_restart()
         else:
-            self._say(_WARNING, f"another autopilot at {sender} asks for the world and is served from now on")
-
-    def _silence(self) -> str:
-        if self._line.asked is None:
-            return f"no autopilot has asked for the world at {self.address}; start it with --model JSON:HOST"
-        return f"the autopilot at {self._line.peer} has not taken the world since {self._now_us * 1e-6:.2f} s"
+            self._say(_WARNING, f"another autopilot at {sender} requests the world and is served from now on")
 
     def pulses(self) -> Sequence[int] | None:
         return () if self._pulses_us is None else self._pulses_us

@@ -43,7 +43,7 @@ class BridgeKind:
     """Values of `autopilot.kind` that it goes with."""
 
     sensor_link: str = OPTIONAL_LINK
-    """Whether it has a line of its own, at `url`: `none`, `optional` or `needed`."""
+    """Whether it has a separate line, at `url`: `none`, `optional` or `needed`."""
 
     sets_time: bool = False
     """Whether it lets the autopilot run in lockstep (`Injector.advance`)."""

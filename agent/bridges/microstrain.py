@@ -17,7 +17,7 @@ from itertools import accumulate
 
 from agent.bridges.ahrs import LISTEN, Ahrs, open_line
 from agent.bridges.injector import InjectorError
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
+from agent.bridges.readings import InertialSample, Navigation, ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
 from agent.navigation.gps_time import SECOND_NS, WEEK_S
 
@@ -119,8 +119,8 @@ class MicroStrain7(Ahrs):
             raise InjectorError("sensor-link: microstrain7 needs the port of the autopilot, as udp://127.0.0.1:14800")
         if url.startswith("udp://") and url.endswith(LISTEN):
             raise InjectorError(
-                f"sensor-link: {url}: this driver never speaks, so that its address stays unknown; "
-                "start the autopilot with udpin:0.0.0.0:PORT and call it at udp://HOST:PORT"
+                f"sensor-link: {url}: this driver sends nothing, so its address stays unknown; "
+                "start the autopilot with udpin:0.0.0.0:PORT and connect to udp://HOST:PORT"
             )
         return cls(open_line(url))
 

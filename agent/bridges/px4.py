@@ -24,8 +24,7 @@ from typing import Callable
 
 from agent.bridges import hil_messages as hil
 from agent.bridges.injector import Injector, InjectorCounters
-from agent.bridges.readings import SensorReadings
-from agent.bridges.samples import ReceiverFix
+from agent.bridges.readings import ReceiverFix, SensorReadings
 from agent.bridges.vehicle_link import VehicleLink
 from agent.navigation.measurements import ImuMeasurement
 from agent.timing.clock import Clock, MonotonicClock
@@ -73,13 +72,13 @@ class Px4Line:
         self._heard: list[Message] = []
         self._link.reset_counters()
         self._forget()
-        self._word = ""
-        self._told = False
+        self._warning = ""
+        self._warned = False
 
     def _forget(self) -> None:
         self._stamps: deque[int] = deque(maxlen=RHYTHM + 1)
         self._answers = False
-        self._owed_s: float | None = None
+        self._output_due_s: float | None = None
         self._anchor: tuple[float, int] | None = None
         self._keeps_step = True
 
@@ -100,8 +99,8 @@ class Px4Line:
 
     def take_warning(self) -> str:
         """Return a warning for the user, once. Empty when there is none."""
-        word, self._word = self._word, ""
-        return word
+        warning, self._warning = self._warning, ""
+        return warning
 
     def is_old(self, message: Message) -> bool:
         """Whether the message is a HIL_SENSOR that is not newer than the last one. It would set PX4's clock back."""
@@ -118,7 +117,7 @@ class Px4Line:
             message.time_usec = ours_us
             return False
         self._newest_us = stamp_us
-        self._owed_s = monotonic() + PATIENCE_S
+        self._output_due_s = monotonic() + PATIENCE_S
         return True
 
     def settle(self, until_s: float) -> bool:
@@ -126,30 +125,30 @@ class Px4Line:
 
         Return False if it may not at `until_s` of the monotonic clock.
         """
-        while self._owed_s is not None and self.connected:
+        while self._output_due_s is not None and self.connected:
             now_s = monotonic()
             if self._answers and self._keeps_step:
-                if not self._due():
-                    self._owed_s = None
+                if not self._is_output_due():
+                    self._output_due_s = None
                     break
-                if now_s >= self._owed_s:
+                if now_s >= self._output_due_s:
                     self._answers = False  # PX4 no longer sends outputs
                     self._stamps.clear()
                     self._anchor = None
                     continue
-                wait_s = min(self._owed_s, until_s) - now_s
+                wait_s = min(self._output_due_s, until_s) - now_s
             else:
                 wait_s = min(self._lead_s(now_s), until_s - now_s)
                 if wait_s <= 0.0:
-                    self._owed_s = None if now_s < until_s else self._owed_s
+                    self._output_due_s = None if now_s < until_s else self._output_due_s
                     break
             self._listen(max(wait_s, 0.0))
-            if self._owed_s is not None and monotonic() >= until_s:
+            if self._output_due_s is not None and monotonic() >= until_s:
                 break
         self._listen(0.0)
-        return self._owed_s is None and self.connected
+        return self._output_due_s is None and self.connected
 
-    def _due(self) -> bool:
+    def _is_output_due(self) -> bool:
         """Whether an output for the newest sample is still due."""
         last_us = self._stamps[-1]
         if last_us >= self._newest_us:
@@ -192,9 +191,9 @@ class Px4Line:
     def _note(self, message: Message) -> None:
         self._keeps_step = bool(message.flags & _LOCKSTEP)
         if not self._keeps_step:
-            if not self._told:
-                self._told = True
-                self._word = "this PX4 keeps its own time (no lockstep build); it is run in real time"
+            if not self._warned:
+                self._warned = True
+                self._warning = "this PX4 uses its own clock (not a lockstep build); it runs in real time"
             return
         stamps = self._stamps
         if stamps and not 0 < message.time_usec - stamps[-1] <= LONGEST_PERIOD_US:
@@ -217,7 +216,7 @@ HIL_ENABLED = 32  # MAV_MODE_FLAG_HIL_ENABLED
 UNSIMULATED_NS = 5_000_000_000
 BLOCK_S = 0.4  # longest wait of one `advance`
 UNCALLED_S = 3.0
-UNCALLED = "PX4 does not call at {}: it calls once in its life, so start it anew for each run, with this simulator port"
+UNCALLED = "PX4 does not connect to {}: it connects only once, so restart it for each run, with this simulator port"
 _ERROR, _WARNING, _NOTICE = mav.MAV_SEVERITY_ERROR, mav.MAV_SEVERITY_WARNING, mav.MAV_SEVERITY_NOTICE
 
 
@@ -231,7 +230,7 @@ class Px4Injector(Injector):
         self._vehicle = vehicle
         self._line = line
         self._unix_s = unix_s
-        vehicle.add_tap(self._hear)
+        vehicle.add_tap(self._on_vehicle)
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
     @classmethod
@@ -258,7 +257,7 @@ class Px4Injector(Injector):
         if self._line is not None:
             self._line.begin()
         elif lockstep:
-            say(_ERROR, "PX4 on a board keeps its own time; use clock.mode=realtime, or a simulator link for its SITL")
+            say(_ERROR, "PX4 on a board uses its own clock; use clock.mode=realtime, or a simulator link for its SITL")
 
     def handle(self, message: Message, now_ns: int) -> None:
         sample = self._readings.handle(message)
@@ -282,7 +281,7 @@ class Px4Injector(Injector):
             return
         if not self.counts.taken:
             self._unsimulated = True
-            self._say(_WARNING, "PX4 does not simulate: it is not in HITL mode; set SYS_HITL 1 and start it anew")
+            self._say(_WARNING, "PX4 does not simulate: it is not in HITL mode; set SYS_HITL 1 and restart it")
 
     def advance(self, now_ns: int) -> bool:
         """Forward the queued samples, one IMU sample after the other, each when PX4 is ready for it."""
@@ -290,14 +289,14 @@ class Px4Injector(Injector):
         if line is None:
             return True
         until_s = monotonic() + BLOCK_S
-        if not self._reach(line, until_s):
+        if not self._wait_for_connection(line, until_s):
             return False
         queue = self._queue
         while queue:
             if not line.settle(until_s):
                 self._note(line.take_received())
                 return False
-            if self._handed_on(line, queue[0]):
+            if self._forward(line, queue[0]):
                 queue.popleft()
                 continue
             self._note(line.receive(0.01))
@@ -328,13 +327,13 @@ class Px4Injector(Injector):
         if line is not None and self._lockstep:
             self._queue.append(message)
         elif line is not None:
-            self.counts.unsent += not self._handed_on(line, message)
+            self.counts.unsent += not self._forward(line, message)
         elif self._vehicle.send_sample(message):
             self._count(message)
         else:
             self.counts.unsent += 1
 
-    def _handed_on(self, line: Px4Line, message: Message) -> bool:
+    def _forward(self, line: Px4Line, message: Message) -> bool:
         """Forward a sample. Return False when the line cannot take it now.
 
         A sample not newer than the last one is dropped.
@@ -355,7 +354,7 @@ class Px4Injector(Injector):
 
     # -- in
 
-    def _reach(self, line: Px4Line, until_s: float) -> bool:
+    def _wait_for_connection(self, line: Px4Line, until_s: float) -> bool:
         """Whether PX4 is connected. Wait for the connection, and warn once when it does not arrive."""
         began_s = monotonic()
         while not line.connected and monotonic() < until_s:
@@ -365,7 +364,7 @@ class Px4Injector(Injector):
             self._waited_s = 0.0
             if self._uncalled:
                 self._uncalled = False
-                self._say(_NOTICE, f"PX4 has called at {line.address}")
+                self._say(_NOTICE, f"PX4 has connected to {line.address}")
             return True
         self._waited_s += monotonic() - began_s
         if self._waited_s > UNCALLED_S and not self._uncalled:
@@ -373,19 +372,14 @@ class Px4Injector(Injector):
             self._say(_WARNING, UNCALLED.format(line.address))
         return False
 
-    def _hear(self, message: Message) -> None:
+    def _on_vehicle(self, message: Message) -> None:
         """Handle a message from the autopilot's MAVLink, which carries the outputs of a board."""
-        if isinstance(message, mav.MAVLink_heartbeat_message):
-            self._on_heartbeat(message)
-        elif self._line is None and isinstance(message, mav.MAVLink_hil_actuator_controls_message):
+        if self._line is None and isinstance(message, mav.MAVLink_hil_actuator_controls_message):
             self._note([message])
-
-    def _on_heartbeat(self, message: Message) -> None:
-        """Handle a heartbeat. A disarmed PX4 sends no new outputs, so the last ones are reset to 0."""
-        if message.autopilot != mav.MAV_AUTOPILOT_PX4:
+        if not isinstance(message, mav.MAVLink_heartbeat_message) or message.autopilot != mav.MAV_AUTOPILOT_PX4:
             return
         armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-        if self._armed and not armed:
+        if self._armed and not armed:  # a disarmed PX4 sends no new outputs
             self._outputs = (0.0,) * OUTPUTS
             self.counts.outputs_in += 1
         self._armed = armed
@@ -399,19 +393,18 @@ class Px4Injector(Injector):
             if isinstance(message, mav.MAVLink_hil_actuator_controls_message):
                 self.counts.outputs_in += 1
                 armed = message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED
-                self._outputs = tuple(map(_limited, message.controls)) if armed else (0.0,) * OUTPUTS
+                self._outputs = (0.0,) * OUTPUTS
+                if armed:  # limited to [-1, 1]; a value that is not finite becomes 0
+                    self._outputs = tuple(
+                        max(-1.0, min(1.0, value)) if math.isfinite(value) else 0.0 for value in message.controls
+                    )
         if line is None:
             return
         if line.restarts > self.counts.restarts:
             self.counts.restarts = line.restarts
             self._outputs = (0.0,) * OUTPUTS
             self.counts.outputs_in += 1
-            self._say(_WARNING, f"PX4 has left {line.address}; its outputs are taken for 0 until it is back")
-        word = line.take_warning()
-        if word:
-            self._say(_WARNING, word)
-
-
-def _limited(value: float) -> float:
-    """Limit an output to [-1, 1]. A value that is not finite becomes 0."""
-    return max(-1.0, min(1.0, value)) if math.isfinite(value) else 0.0
+            self._say(_WARNING, f"PX4 has disconnected from {line.address}; its outputs count as 0 until it returns")
+        warning = line.take_warning()
+        if warning:
+            self._say(_WARNING, warning)

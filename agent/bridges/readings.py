@@ -1,21 +1,107 @@
-"""Sensor samples from the host's messages, and the navigation solution of a simulated unit."""
+"""Samples of a simulated navigation unit from the host's messages, and its navigation solution.
+
+Samples are plain values (SI, FRD and NED), independent of the make of the unit.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Callable, Union
+from typing import Callable, NamedTuple, Union
 
 from agent.bridges.declination import declination_rad
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
 from agent.navigation.estimator import Estimator
 from agent.navigation.gps_time import GpsTime
-from agent.navigation.measurements import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
+from agent.navigation.measurements import (
+    BarometerMeasurement,
+    GnssMeasurement,
+    ImuMeasurement,
+    MagnetometerMeasurement,
+    Quaternion,
+    Vector3,
+)
 from agent.navigation.parameters import ESTIMATOR_ROWS
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
-TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG = 0.5, 2.0  # accuracy of the estimator at sea; it has no attitude covariance
+RANGE_ERROR_M = 1.0  # one sigma of a range with open sky; converts an accuracy to a dilution of precision
 
+
+class InertialSample(NamedTuple):
+    """Rate and specific force at `stamp_ns`, with the newest field, pressure and temperature."""
+
+    stamp_ns: int
+    gyro_frd_radps: Vector3
+    accel_frd_mps2: Vector3
+    field_frd_gauss: Vector3
+    pressure_pa: float
+    temperature_degc: float
+
+
+class Dilution(NamedTuple):
+    """Dilutions of precision, dimensionless."""
+
+    geometric: float
+    position: float
+    time: float
+    vertical: float
+    horizontal: float
+    north: float
+    east: float
+
+
+class ReceiverFix(NamedTuple):
+    """A fix of the receiver. Accuracies are those of a GnssMeasurement."""
+
+    stamp_ns: int
+    gps_ns: int
+    """Instant of `stamp_ns` since the GPS epoch of 1980."""
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    """Above mean sea level."""
+    vel_ned_mps: Vector3
+    horizontal_accuracy_m: float
+    vertical_accuracy_m: float
+    speed_accuracy_mps: float
+    fix_type: int
+    """0: no fix, 2: two dimensions, 3: three dimensions."""
+    satellites: int
+
+    @property
+    def dilution(self) -> Dilution:
+        """Dilutions derived from the accuracies, divided by the error of one range.
+
+        The time dilution equals the vertical one. North equals east.
+        """
+        horizontal = min(self.horizontal_accuracy_m / RANGE_ERROR_M, 99.0)
+        vertical = min(self.vertical_accuracy_m / RANGE_ERROR_M, 99.0)
+        position = math.hypot(horizontal, vertical)
+        part = horizontal * math.sqrt(0.5)
+        return Dilution(math.hypot(position, vertical), position, vertical, vertical, horizontal, part, part)
+
+
+class Navigation(NamedTuple):
+    """Solution that the unit computes from its own sensors at `stamp_ns`. Accuracies are one sigma per axis."""
+
+    stamp_ns: int
+    fix_gps_ns: int
+    """GPS time of the newest fix."""
+    quat_ned_frd: Quaternion
+    """(w, x, y, z), body FRD to NED."""
+    euler_rad: Vector3
+    """(roll, pitch, yaw)."""
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    vel_ned_mps: Vector3
+    tilt_accuracy_deg: float
+    heading_accuracy_deg: float
+    horizontal_accuracy_m: float
+    vertical_accuracy_m: float
+    speed_accuracy_mps: float
+
+
+TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG = 0.5, 2.0  # accuracy of the estimator at sea; it has no attitude covariance
 
 Measurement = Union[ImuMeasurement, MagnetometerMeasurement, BarometerMeasurement, ReceiverFix]
 
@@ -41,22 +127,18 @@ class NavigationSolution:
         elif isinstance(sample, BarometerMeasurement):
             self._estimator.on_barometer(sample)
         else:
-            self._add_fix(sample)
-
-    def _add_fix(self, fix: ReceiverFix) -> None:
-        accepted = self._estimator.on_gnss(
-            GnssMeasurement(
-                fix.stamp_ns, fix.lat_deg, fix.lon_deg, fix.alt_m, fix.vel_ned_mps, fix.horizontal_accuracy_m,
-                fix.vertical_accuracy_m, fix.speed_accuracy_mps, fix.fix_type, fix.satellites,
-            )
-        )  # fmt: skip
-        if not accepted or fix.fix_type < 3:
-            return
-        if self._fix is None:
-            year = self._time.year_at(fix.stamp_ns)
-            self._parameters["COMPASS_DEC"] = declination_rad(fix.lat_deg, fix.lon_deg, fix.alt_m, year)
-            self._estimator.configure()
-        self._fix = fix
+            fix = GnssMeasurement(
+                sample.stamp_ns, sample.lat_deg, sample.lon_deg, sample.alt_m, sample.vel_ned_mps,
+                sample.horizontal_accuracy_m, sample.vertical_accuracy_m, sample.speed_accuracy_mps,
+                sample.fix_type, sample.satellites,
+            )  # fmt: skip
+            if not self._estimator.on_gnss(fix) or fix.fix_type < 3:
+                return
+            if self._fix is None:
+                year = self._time.year_at(fix.stamp_ns)
+                self._parameters["COMPASS_DEC"] = declination_rad(fix.lat_deg, fix.lon_deg, fix.alt_m, year)
+                self._estimator.configure()
+            self._fix = sample
 
     def solution(self) -> Navigation | None:
         """Return the solution, None while attitude or position are unknown."""
@@ -91,11 +173,9 @@ def imu_sample_from(message: Message) -> ImuMeasurement | None:
 def magnetometer_sample_from(message: Message) -> MagnetometerMeasurement | None:
     """Read an XITL_MAGNETOMETER. Return None for values that no sensor can measure."""
     x, y, z = message.field
-    return (
-        MagnetometerMeasurement(message.time_usec * 1000, (x, y, z))
-        if _is_measured(message.time_usec, x, y, z)
-        else None
-    )
+    if not _is_measured(message.time_usec, x, y, z):
+        return None
+    return MagnetometerMeasurement(message.time_usec * 1000, (x, y, z))
 
 
 def barometer_sample_from(message: Message) -> BarometerMeasurement | None:

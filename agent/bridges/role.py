@@ -157,7 +157,7 @@ class BridgeRole(Role):
         self._followed = True
         self._run_on_ns = self._run_on_end_ns = 0
         self._sent_ns: int | None = None
-        self._told_ns: int | None = None
+        self._status_ns: int | None = None
         self._patience_s = PATIENCE_S
         self._count = 0
         self._efforts = 0
@@ -175,7 +175,7 @@ class BridgeRole(Role):
     def end_run(self, now_ns: int) -> Sequence[Message]:
         """End the run: disarm the autopilot, and reboot it if `reboots` is set."""
         self._running = False
-        self._give_last_orders()
+        self._send_last_commands()
         neutral = (0.0,) * len(self._outputs.channels)
         last = actuators_message(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
         waiting, self._waiting = self._waiting, []
@@ -184,7 +184,7 @@ class BridgeRole(Role):
             self._run_on_from(now_ns)
         return (*waiting, status, last)
 
-    def _give_last_orders(self) -> None:
+    def _send_last_commands(self) -> None:
         """Disarm, then reboot, because an armed autopilot refuses a reboot.
 
         In real time, each command must be acknowledged.
@@ -203,10 +203,10 @@ class BridgeRole(Role):
         commands = CommandClient((1, 1), LAST_TRIES, LAST_TRY_S)
         for order in orders:
             request = commands.command(*order)
-            complete(request, self._vehicle.send, self._hear_with_samples)
+            complete(request, self._vehicle.send, self._receive_with_samples)
             if request.answer is None or request.answer.result != mav.MAV_RESULT_ACCEPTED:
                 name = "disarm" if order[0] == mav.MAV_CMD_COMPONENT_ARM_DISARM else "reboot"
-                self.add_event(_WARNING, f"the autopilot was told to {name} after the run and does not say that it did")
+                self.add_event(_WARNING, f"the autopilot did not confirm the command to {name} after the run")
                 return
         if reboots:
             self.add_event(_NOTICE, "the autopilot reboots: the run is over")
@@ -239,7 +239,7 @@ class BridgeRole(Role):
             injector.repeat(next_ns)
         return True
 
-    def _hear_with_samples(self, timeout_s: float) -> list[Message]:
+    def _receive_with_samples(self, timeout_s: float) -> list[Message]:
         """Receive from the autopilot while repeating the newest sample.
 
         Without samples, the autopilot may only wait.
@@ -249,7 +249,7 @@ class BridgeRole(Role):
             injector.repeat(now_ns)
         sleep(min(timeout_s, REPEAT_S))
         heard = self._vehicle.receive(now_ns)
-        self._waiting += [each for each in heard if not isinstance(each, mav.MAVLink_command_ack_message)]
+        self._waiting += [message for message in heard if not isinstance(message, mav.MAVLink_command_ack_message)]
         return heard
 
     # -- messages of the host
@@ -272,12 +272,12 @@ class BridgeRole(Role):
         followed = True
         for injector in self._injectors:
             followed = injector.advance(now_ns) and followed
-        self._followed = followed and self._reach()
-        self._hear(now_ns)
+        self._followed = followed and self._wait_for_line()
+        self._receive(now_ns)
         waiting, self._waiting = self._waiting, []
         if not self._followed:
             return waiting
-        self._take_outputs()
+        self._update_outputs()
         waiting.append(self._actuators(now_ns))
         return waiting
 
@@ -285,7 +285,7 @@ class BridgeRole(Role):
     def has_followed(self) -> bool:
         return self._followed
 
-    def _reach(self) -> bool:
+    def _wait_for_line(self) -> bool:
         """Hold the run for the connection, so that no message of the autopilot's start is missed.
 
         Give up after a while.
@@ -299,7 +299,8 @@ class BridgeRole(Role):
             self._patience_s -= monotonic() - began_s
             if not up and self._patience_s <= 0.0:
                 self.add_event(
-                    _WARNING, f"no connection to the autopilot's MAVLink at {vehicle.address}; going on without"
+                    _WARNING,
+                    f"no connection to the autopilot's MAVLink at {vehicle.address}; the run continues without it",
                 )
             return up
         return True
@@ -310,14 +311,18 @@ class BridgeRole(Role):
         now_ns = now()
         for injector in self._injectors:
             injector.serve(now_ns)
-        self._hear(now_ns)
+        self._receive(now_ns)
         if self._lockstep and self._running:
             return
         if self._run_on_ns < self._run_on_end_ns:
             self._run_on()
-        self._take_outputs()
+        self._update_outputs()
         out, self._waiting = self._waiting, []
-        if self._running and self._is_due(now_ns):
+        # Send motor commands: new ones, or those of a disarmed autopilot that is connected.
+        waited_ns = REST_NS if self._sent_ns is None else now_ns - self._sent_ns
+        rests = self._vehicle.connected and not self._vehicle.armed
+        due = (self._fresh and waited_ns >= SPACING_NS) or (rests and waited_ns >= REST_NS)
+        if self._running and due:
             self._sent_ns = now_ns
             self._fresh = False
             self._count += 1
@@ -325,13 +330,7 @@ class BridgeRole(Role):
         if out:
             self._send(*out)
 
-    def _is_due(self, now_ns: int) -> bool:
-        """Whether to send motor commands: new ones, or those of a disarmed autopilot that is connected."""
-        waited_ns = REST_NS if self._sent_ns is None else now_ns - self._sent_ns
-        rests = self._vehicle.connected and not self._vehicle.armed
-        return (self._fresh and waited_ns >= SPACING_NS) or (rests and waited_ns >= REST_NS)
-
-    def _hear(self, now_ns: int) -> None:
+    def _receive(self, now_ns: int) -> None:
         """Receive from the autopilot. Between runs, drop the messages, because the counts of the run are closed."""
         messages = self._vehicle.receive(now_ns)
         if self._running:
@@ -344,7 +343,7 @@ class BridgeRole(Role):
             self._pulses_us = updated_pulses_us(message, self._pulses_us)
             self._raw_is_new = True
 
-    def _take_outputs(self) -> None:
+    def _update_outputs(self) -> None:
         """Update the latest outputs. `_fresh` is set when they are newer than the last ones."""
         for injector in self._injectors:
             values = injector.commands()
@@ -373,9 +372,9 @@ class BridgeRole(Role):
     # -- tasks and events
 
     def telemetry(self, now_ns: int) -> Sequence[Message]:
-        if self._told_ns is not None and now_ns - self._told_ns < STATUS_NS:
+        if self._status_ns is not None and now_ns - self._status_ns < STATUS_NS:
             return ()
-        self._told_ns = now_ns
+        self._status_ns = now_ns
         return (self._status(now_ns),)
 
     def add_event(self, severity: int, text: str) -> None:
@@ -400,10 +399,10 @@ class BridgeRole(Role):
     def descriptors(self) -> Sequence[int]:
         if self._lockstep and self._running:
             return ()  # received at the ticks
-        found = [*self._vehicle.descriptors()]
+        descriptors = [*self._vehicle.descriptors()]
         for injector in self._injectors:
-            found += injector.descriptors()
-        return found
+            descriptors += injector.descriptors()
+        return descriptors
 
     def close(self) -> None:
         """Close the injectors and the link."""

@@ -29,7 +29,7 @@ from typing import Callable
 
 from agent.bridges.ahrs import Ahrs, SensorLine, open_line
 from agent.bridges.injector import InjectorError
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
+from agent.bridges.readings import InertialSample, Navigation, ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
 from agent.timing.clock import Clock
 
@@ -163,7 +163,12 @@ class CommandPort:
             elif not self._line:
                 self.junk += byte not in b"\r\n"
             elif byte in b"\r\n":
-                answers.append(self._answer(bytes(self._line)))
+                self.commands += 1
+                try:
+                    answers.append(sentence(self._execute(_words(bytes(self._line)))))
+                except CommandError as error:
+                    self.refused += 1
+                    answers.append(sentence(f"VNERR,{error.number:02X}"))
                 self._line.clear()
             else:
                 self._line.append(byte)
@@ -172,22 +177,21 @@ class CommandPort:
                     self._line.clear()
         return answers
 
-    def _answer(self, line: bytes) -> bytes:
-        self.commands += 1
-        try:
-            return sentence(self._obey(_words(line)))
-        except CommandError as error:
-            self.refused += 1
-            return sentence(f"VNERR,{error.number:02X}")
-
-    def _obey(self, words: list[str]) -> str:
+    def _execute(self, words: list[str]) -> str:
+        """Execute a command and return the body of the answer. Raises CommandError."""
         name, values = words[0], words[1:]
         if name == "VNRRG":
             return ",".join((name, values[0] if values else "", *self._read(values)))
         if name == "VNWRG":
             self._write(values)
         elif name == "VNASY":
-            self._switch(values)
+            _exactly(values, 1)
+            on = _number(values[0], 10)
+            if on not in (0, 1):
+                raise CommandError(BAD_VALUE)
+            if not on and self.set_up:
+                self.restarts += 1
+            self.on = bool(on)
         elif name in ("VNRST", "VNRFS"):
             _exactly(values, 0)
             self._begin()
@@ -196,15 +200,6 @@ class CommandPort:
         else:
             raise CommandError(BAD_COMMAND)
         return ",".join(words)
-
-    def _switch(self, values: list[str]) -> None:
-        _exactly(values, 1)
-        on = _number(values[0], 10)
-        if on not in (0, 1):
-            raise CommandError(BAD_VALUE)
-        if not on and self.set_up:
-            self.restarts += 1
-        self.on = bool(on)
 
     def _read(self, values: list[str]) -> list[str]:
         if not values:
@@ -268,10 +263,9 @@ def sentence(body: str) -> bytes:
 
 def _words(line: bytes) -> list[str]:
     """Return the words of a line with a valid checksum. Raises CommandError."""
-    body, star, given = line[1:].rpartition(b"*")
-    checksum = given.strip().upper()
-    good = (b"%02X" % reduce(xor, body, 0), b"%04X" % crc_hqx(body, 0), b"XX")
-    if not star or checksum not in good:
+    body, star, checksum = line[1:].rpartition(b"*")
+    valid = (b"%02X" % reduce(xor, body, 0), b"%04X" % crc_hqx(body, 0), b"XX")
+    if not star or checksum.strip().upper() not in valid:
         raise CommandError(BAD_CHECKSUM)
     if not body.isascii():
         raise CommandError(BAD_COMMAND)
@@ -280,10 +274,10 @@ def _words(line: bytes) -> list[str]:
 
 def _number(word: str, base: int) -> int:
     try:
-        number: int | None = int(word, base)
+        number = int(word, base)
     except ValueError:
-        number = None
-    if number is None or not 0 <= number <= 0xFFFFFF:
+        raise CommandError(BAD_VALUE) from None
+    if not 0 <= number <= 0xFFFFFF:
         raise CommandError(BAD_VALUE)
     return number
 
@@ -352,15 +346,10 @@ class VectorNav(Ahrs):
     def solution_frame(self, navigation: Navigation) -> bytes | None:
         if not self._flows(SOLUTION):
             return None
-        field, pressure = self._readings.field, self._readings.pressure
-        faults = 0
-        if (
-            field is None
-            or pressure is None
-            or navigation.stamp_ns - min(field.stamp_ns, pressure.stamp_ns) > _STALE_NS
-        ):
-            faults = FIELD_FAULT
-        return pack_solution_frame(navigation, faults)
+        oldest_ns = navigation.stamp_ns - _STALE_NS
+        samples = (self._readings.field, self._readings.pressure)
+        is_fresh = all(sample is not None and sample.stamp_ns >= oldest_ns for sample in samples)
+        return pack_solution_frame(navigation, 0 if is_fresh else FIELD_FAULT)
 
     def receiver_frame(self, fix: ReceiverFix) -> bytes | None:
         return pack_receiver_frame(fix) if self._flows(RECEIVER) else None

@@ -61,7 +61,7 @@ Say = Callable[[int, str], None]
 Tap = Callable[[Message], None]
 
 _NAMES = {
-    0: "something of no known kind",
+    0: "a vehicle of unknown type",
     1: "a fixed-wing aircraft",
     2: "a quadcopter",
     3: "a coaxial helicopter",
@@ -182,7 +182,12 @@ class VehicleLink:
                 continue
             for tap in self._taps:
                 tap(message)
-            self._note_time(message)
+            boot_ms = getattr(message, "time_boot_ms", None)
+            if boot_ms is not None:
+                if boot_ms + 1000 < self._boot_ms:
+                    self.reboots += 1
+                    self._streams.reset()
+                self._boot_ms = boot_ms
             self._streams.note_arrival(message.get_msgId(), now_ns)
             if isinstance(message, mav.MAVLink_timesync_message) and not message.tc1:
                 self._link.send(mav.MAVLink_timesync_message(now_ns, message.ts1))
@@ -205,7 +210,7 @@ class VehicleLink:
         if not self.heard:
             if not self._silent and now_ns - self._heard_ns > UNHEARD_NS:
                 self._silent = True
-                self._say(_WARNING, self._unheard())
+                self._say(_WARNING, self._silence_text())
             return
         silent = now_ns - self._heard_ns > SILENT_NS
         if silent != self._silent:
@@ -231,14 +236,17 @@ class VehicleLink:
             self.heard, self._boot_ms = False, 0
             self._streams.reset()
         if not self.heard:
-            if self._is_another(message.get_srcSystem(), now_ns):
-                return
+            if self._fleet and self._vessel not in (None, message.get_srcSystem()):
+                # Another vessel of the fleet: the expected one also sends a heartbeat every second.
+                self._other_ns = now_ns if self._other_ns is None else self._other_ns
+                if now_ns - self._other_ns < OTHERS_NS:
+                    return
             self.system_id, self.component_id = message.get_srcSystem(), message.get_srcComponent()
             if self._vessel not in (None, self.system_id):
                 self._say(
                     _WARNING,
-                    f"the autopilot is MAVLink system {self.system_id} and this vessel {self._vessel}; give one of "
-                    "them the other's: MAV_SYSID or SYSID_THISMAV (PX4: MAV_SYS_ID) there, autopilot.system_id here",
+                    f"the autopilot is MAVLink system {self.system_id}, but this vessel is {self._vessel}; "
+                    "make both equal: MAV_SYSID or SYSID_THISMAV (PX4: MAV_SYS_ID) there, autopilot.system_id here",
                 )
         elif message.get_srcSystem() != self.system_id or message.get_srcComponent() != self.component_id:
             return
@@ -252,36 +260,19 @@ class VehicleLink:
             self._type = message.type
             if message.type not in (mav.MAV_TYPE_GROUND_ROVER, mav.MAV_TYPE_SURFACE_BOAT):
                 name = _NAMES.get(message.type, "another vehicle")
-                self._say(_ERROR, f"the autopilot is {name} (MAV_TYPE {message.type}), no rover or boat")
+                self._say(_ERROR, f"the autopilot is {name} (MAV_TYPE {message.type}), not a rover or boat")
 
-    def _is_another(self, system_id: int, now_ns: int) -> bool:
-        """Whether to ignore this system and wait for the expected one of the fleet, which also sends a heartbeat every
-        second.
-        """
-        if not self._fleet or self._vessel in (None, system_id):
-            return False
-        if self._other_ns is None:
-            self._other_ns = now_ns
-        return now_ns - self._other_ns < OTHERS_NS
-
-    def _unheard(self) -> str:
-        address, link = self.address, self._link.counters
+    def _silence_text(self) -> str:
+        """Return the warning about an autopilot that was never heard."""
+        address = self.address
         if not self.line_is_up:
-            return f"nobody answers at the autopilot's MAVLink, {address}; check the address and that it runs"
-        if link.bytes_in:
-            return f"what comes from {address} is no MAVLink 2; set SERIALn_PROTOCOL 2 there, and check the baud rate"
+            return f"nothing answers at the autopilot's MAVLink, {address}; check the address and that it runs"
+        if self._link.counters.bytes_in:
+            return f"the data from {address} is not MAVLink 2; set SERIALn_PROTOCOL 2 there, and check the baud rate"
         return (
-            f"nothing comes from the autopilot's MAVLink at {address}; check the address, the cable and its parameters"
+            f"nothing arrives from the autopilot's MAVLink at {address}; "
+            "check the address, the cable and its parameters"
         )
-
-    def _note_time(self, message: Message) -> None:
-        boot_ms = getattr(message, "time_boot_ms", None)
-        if boot_ms is None:
-            return
-        if boot_ms + 1000 < self._boot_ms:
-            self.reboots += 1
-            self._streams.reset()
-        self._boot_ms = boot_ms
 
     @property
     def counters(self) -> LinkCounters:

@@ -106,21 +106,24 @@ def cloud_messages(cloud: PointCloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0
 class CloudReassembler:
     """Reassembles clouds from chunks, separately for each kind. Chunks may be out of order, repeated or lost.
 
-    Counters, named as in XITL_COMPANION_STATUS if they exist there: clouds (complete), clouds_partial, chunks_lost,
-    points, points_refused (of chunks with a non-finite origin), clouds_missed (without any chunk, from the numbers),
-    chunks_refused (invalid), chunks_repeated, chunks_late (of a cloud that was returned before).
+    The counters are named as in XITL_COMPANION_STATUS if they exist there.
     """
 
     def __init__(self) -> None:
         self.clouds = 0
+        """Complete clouds."""
         self.clouds_partial = 0
         self.clouds_missed = 0
+        """Clouds without any chunk, from the numbers."""
         self.chunks_lost = 0
         self.chunks_refused = 0
+        """Invalid chunks."""
         self.chunks_repeated = 0
         self.chunks_late = 0
+        """Chunks of a cloud that was returned before."""
         self.points = 0
         self.points_refused = 0
+        """Points of invalid chunks."""
         self._coming: dict[int, _Coming] = {}
 
     def handle(self, message: Message) -> list[PointCloud]:

@@ -70,11 +70,6 @@ class LidarOdometry:
     voxel_m: edge of the cells of the local map, which covers max_range_m.
     motion: body motion from the autopilot; without it, only clouds are used.
 
-    poses, poses_refused: number of registered and refused clouds.
-    unaided: clouds without a motion.
-    points_refused: points that are not finite or invalid.
-    restarts: number of restarts of the local map.
-
     Raises OdometryError if KISS-ICP is not installed.
     """
 
@@ -109,7 +104,14 @@ class LidarOdometry:
         self._water = WaterPlane()
         self._aided, self._lidar_only = AidedFilter(self._water), LidarOnlyFilter(self._water)
         self._filter: OdometryFilter = self._lidar_only
-        self.poses = self.poses_refused = self.unaided = self.points_refused = self.restarts = 0
+        self.poses = self.poses_refused = 0
+        """Number of registered and of refused clouds."""
+        self.unaided = 0
+        """Number of clouds without a motion."""
+        self.points_refused = 0
+        """Number of points that are not finite or invalid."""
+        self.restarts = 0
+        """Number of restarts of the local map."""
         self._refused_in_a_row = 0
         self._end_ns: int | None = None  # end of the last cloud with a state
         self._state: OdometryFilterState | None = None

@@ -75,19 +75,17 @@ def ping_messages(ping: SonarPing) -> list[Message]:
 
 
 class PingReassembler:
-    """Reassembles pings from chunks.
-
-    pings: returned pings.
-    chunks_lost: missing chunks.
-    late: chunks of a returned ping, or repeated ones.
-    refused: invalid chunks.
-    """
+    """Reassembles pings from chunks, and counts them."""
 
     def __init__(self) -> None:
         self.pings = 0
+        """Returned pings."""
         self.chunks_lost = 0
+        """Missing chunks."""
         self.late = 0
+        """Chunks of a returned ping, or repeated ones."""
         self.refused = 0
+        """Invalid chunks."""
         self._open: SonarPing | None = None
         self._missing: set[int] = set()
         self._newest: int | None = None

@@ -256,21 +256,17 @@ def _end_way(then: _OutlineLook, between: _OutlineLook, now: _OutlineLook) -> Ar
 
 
 class ObstacleTrack:
-    """A drifting object, or another vessel.
-
-    state: north, east (m), their rates (m/s).
-    length_m: along `heading_rad`.
-    stands: it was long in the last look and is structure as far as is known.
-    moves: its whole outline moves.
-    """
+    """A drifting object, or another vessel."""
 
     def __init__(self, number: int, cluster: Cluster, drift_ne_mps: Array, hits_needed: int) -> None:
         self.number = number
         self.state = np.array((*cluster.middle_ne_m.tolist(), *drift_ne_mps.tolist()))
+        """North, east (m), and their rates (m/s)."""
         self.covariance = np.diag((0.3, 0.3, TUNED.track_start_mps**2, TUNED.track_start_mps**2))
         self.stamp_ns = self.seen_ns = self.first_ns = cluster.stamp_ns
         self.first_ne_m: Array = cluster.middle_ne_m
         self.length_m, self.width_m, self.height_m = cluster.length_m, cluster.width_m, cluster.height_m
+        """Size, the length along `heading_rad`."""
         self.heading_rad = cluster.heading_rad
         self.points = cluster.points
         self.hits = 1
@@ -279,8 +275,11 @@ class ObstacleTrack:
         self.confirmed = False
         self.counted = False
         self.stands = cluster.length_m > TUNED.track_longest_m
+        """Whether it was long in the last look, and is structure as far as is known."""
         self.moves = False
-        self.hidden_m = 0.0  # how much farther ahead or astern a vessel may extend than its visible part
+        """Whether its whole outline moves."""
+        self.hidden_m = 0.0
+        """Distance that a vessel may extend ahead or astern of its visible part."""
         self._outline = OutlineMotion()
 
     @property

@@ -24,18 +24,10 @@ IDLE_NS = 3_000_000_000  # a session that has been silent for this time can be r
 BURST_PACKETS = 500
 CHECKSUM_BYTES = 1 << 16  # per poll
 
-_CHANGES = frozenset(
-    (
-        ftp.CREATE,
-        ftp.WRITE,
-        ftp.REMOVE_FILE,
-        ftp.MAKE_DIRECTORY,
-        ftp.REMOVE_DIRECTORY,
-        ftp.OPEN_TO_WRITE,
-        ftp.TRUNCATE,
-        ftp.RENAME,
-    )
-)
+_CHANGES = frozenset((
+    ftp.CREATE, ftp.WRITE, ftp.OPEN_TO_WRITE, ftp.TRUNCATE, ftp.RENAME,
+    ftp.MAKE_DIRECTORY, ftp.REMOVE_DIRECTORY, ftp.REMOVE_FILE,
+))  # fmt: skip
 _ANSWERS = (ftp.ACK, ftp.NAK)
 
 

@@ -298,12 +298,12 @@ class MissionServer:
 
     def _on_count(self, message: Any, now_ns: int) -> Messages:
         """Start an upload. A second one of the same sender restarts it."""
-        sender, mission_type = _sender(message), message.mission_type
+        mission_type = message.mission_type
         plan = self._plans.get(mission_type)
         if plan is None:
             empty = mission_type == RALLY and message.count == 0
             return [_ack(message, mav.MAV_MISSION_ACCEPTED if empty else mav.MAV_MISSION_UNSUPPORTED)]
-        if self._upload is not None and self._upload.sender != sender:
+        if self._upload is not None and self._upload.sender != _sender(message):
             return [_ack(message, mav.MAV_MISSION_ERROR)]
         if message.count > plan.most:
             self._warn(f"{plan.name} of {message.count} items refused: at most {plan.most} fit")
@@ -316,11 +316,10 @@ class MissionServer:
 
     def _on_write_partial(self, message: Any, now_ns: int) -> Messages:
         """Start to replace the items start_index to end_index of the present plan."""
-        sender, mission_type = _sender(message), message.mission_type
-        plan = self._plans.get(mission_type)
+        plan = self._plans.get(message.mission_type)
         if plan is None:
             return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
-        if self._upload is not None and self._upload.sender != sender:
+        if self._upload is not None and self._upload.sender != _sender(message):
             return [_ack(message, mav.MAV_MISSION_ERROR)]
         items, first, last = plan.items(), message.start_index, message.end_index
         if not 0 <= first <= last < len(items):
@@ -340,7 +339,11 @@ class MissionServer:
         if plan is None:
             return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
         if mission_type == MISSION and message.current in (GUIDED_TARGET, GUIDED_ALTITUDE):
-            return [_ack(message, self._on_guided(message))]
+            # A change of altitude is acknowledged and ignored.
+            refused = self._guide(plan_item(message)) if message.current == GUIDED_TARGET else None
+            if refused is not None and refused.problem:
+                self._warn(f"Guided target refused: {refused.problem}")
+            return [_ack(message, mav.MAV_MISSION_ACCEPTED if refused is None else refused.result)]
         if upload is None:
             repeated = self._finished == (sender, mission_type, message.seq)  # the acknowledgement was lost
             if not repeated:
@@ -367,17 +370,6 @@ class MissionServer:
         result = self._store(mission_type, [*upload.before, *upload.items, *upload.after], in_part=upload.first > 0)
         self._finished = (sender, mission_type, message.seq) if result == mav.MAV_MISSION_ACCEPTED else None
         return [_ack(message, result)]
-
-    def _on_guided(self, message: Any) -> int:
-        """Handle a GUIDED target. A change of altitude is acknowledged and ignored."""
-        if message.current == GUIDED_ALTITUDE:
-            return int(mav.MAV_MISSION_ACCEPTED)
-        refused = self._guide(plan_item(message))
-        if refused is None:
-            return int(mav.MAV_MISSION_ACCEPTED)
-        if refused.problem:
-            self._warn(f"Guided target refused: {refused.problem}")
-        return refused.result
 
     def _store(self, mission_type: int, items: list[Any], in_part: bool = False) -> int:
         plan = self._plans[mission_type]

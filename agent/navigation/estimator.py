@@ -413,18 +413,11 @@ class Estimator:
             pn, pe, pd = pn - arm_n, pe - arm_e, pd - arm_d
             vn, ve, vd = vn - swing_n, ve - swing_e, vd - swing_d
         roll_rad, pitch_rad, yaw_rad = euler(w, x, y, z)
+        attitude_valid = self._heading_used_ns is not None
         return StateEstimate(
-            stamp_ns,
-            (w, x, y, z),
-            roll_rad,
-            pitch_rad,
-            yaw_rad,
-            rate,
-            (pn, pe, pd),
-            (vn, ve, vd),
-            self._heading_used_ns is not None,
-            self.position_valid(),
-        )
+            stamp_ns, (w, x, y, z), roll_rad, pitch_rad, yaw_rad, rate, (pn, pe, pd), (vn, ve, vd),
+            attitude_valid, self.position_valid(),
+        )  # fmt: skip
 
     def problems(self) -> tuple[ArmingProblem, ...]:
         """Reasons against arming with this estimate. Empty when it is ready."""

@@ -95,26 +95,10 @@ def propagate(
     ve = ve0 + dve - bias_e * dt_s
     vd = vd0 + (ad + ad0) * half_s - bias_d * dt_s
     return InertialState(
-        stamp_ns,
-        w,
-        x,
-        y,
-        z,
-        vn,
-        ve,
-        vd,
-        pn0 + (vn + vn0) * half_s,
-        pe0 + (ve + ve0) * half_s,
-        pd0 + (vd + vd0) * half_s,
-        an,
-        ae,
-        ad,
-        gx,
-        gy,
-        gz,
-        sn0 + dvn,
-        se0 + dve,
-    )
+        stamp_ns, w, x, y, z, vn, ve, vd,
+        pn0 + (vn + vn0) * half_s, pe0 + (ve + ve0) * half_s, pd0 + (vd + vd0) * half_s,
+        an, ae, ad, gx, gy, gz, sn0 + dvn, se0 + dve,
+    )  # fmt: skip
 
 
 def shift_state(state: InertialState, vel_ned_mps: Vector3, pos_ned_m: Vector3) -> InertialState:

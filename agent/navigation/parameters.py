@@ -15,9 +15,9 @@ class EstimatorParameters(Protocol):
 
 
 ESTIMATOR_ROWS: tuple[Parameter, ...] = (
-    Parameter("AHRS_GPS_MINSATS", 6, 0, 30, "", "fewest satellites of a fix in use", INT8),
-    Parameter("AHRS_RP_P", 0.2, 0.02, 2.0, "1/s", "how fast gravity and GNSS velocity correct roll and pitch"),
-    Parameter("AHRS_YAW_P", 0.2, 0.02, 2.0, "1/s", "how fast the compass corrects the heading"),
+    Parameter("AHRS_GPS_MINSATS", 6, 0, 30, "", "least number of satellites of a used fix", INT8),
+    Parameter("AHRS_RP_P", 0.2, 0.02, 2.0, "1/s", "gain of gravity and GNSS velocity on roll and pitch"),
+    Parameter("AHRS_YAW_P", 0.2, 0.02, 2.0, "1/s", "gain of the compass on the heading"),
     Parameter("COMPASS_DEC", 0.0, -math.pi, math.pi, "rad", "magnetic declination, east positive"),
     Parameter("COMPASS_OFS_X", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, forward"),
     Parameter("COMPASS_OFS_Y", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, right"),

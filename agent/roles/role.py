@@ -26,18 +26,16 @@ class Traffic(NamedTuple):
 
 
 class Role:
-    """Interface that the node calls. Instants are on the clock of the run, which between runs is this machine's clock.
-
-    title: name for people.
-    nodes: node kinds, for instance LS,LC,LA.
-    telemetry_hz: rate of the calls of `telemetry`.
-    peers: kind of the peers at `addresses`, other than the host.
-    """
+    """Interface that the node calls. Instants are on the clock of the run, or of this machine between runs."""
 
     title: str
+    """Name for people."""
     peers = "ground stations"
+    """Kind of the peers at `addresses`, other than the host."""
     nodes: str
+    """Node kinds, for instance LS,LC,LA."""
     telemetry_hz: float
+    """Rate of the calls of `telemetry`."""
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
         """Reset the state for a run on this clock. The run has not started yet."""

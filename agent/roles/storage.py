@@ -157,7 +157,7 @@ def _read(path: Path) -> _Contents:
         return _Contents(
             {str(name): float(value) for name, value in document["parameters"].items()},
             tuple(_mission_item(fields) for fields in document["mission"]),
-            tuple(_item(FenceItem, fields) for fields in document["fence"]),
+            tuple(_fence_item(fields) for fields in document["fence"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, StorageError):
@@ -176,7 +176,7 @@ def _mission_item(fields: Any) -> MissionItem:
     return MissionItem(command, lat_deg, lon_deg, alt_m, parameters, int(fields.get("frame", 3)))
 
 
-def _item(kind: Any, fields: Any) -> Any:
-    """Return a NamedTuple of numbers, each with the type of its field."""
+def _fence_item(fields: Any) -> FenceItem:
     whole = {"command", "vertex_count"}
-    return kind(**{name: int(value) if name in whole else float(value) for name, value in fields.items()})
+    numbers: dict[str, Any] = {name: int(value) if name in whole else float(value) for name, value in fields.items()}
+    return FenceItem(**numbers)

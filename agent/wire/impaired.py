@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from random import Random
 from time import monotonic
 from typing import Callable
-from urllib.parse import SplitResult
 
-from agent.wire.transport import BadUrlError, SenderStatus, Transport
+from agent.wire.transport import SenderStatus, Transport
 
 MOST_DELAYED = 4096  # frames: two seconds of the busiest link
 OVERTAKEN_S = 0.1  # longest wait of a frame for another one that overtakes it
@@ -72,11 +71,6 @@ class ImpairedTransport(Transport):
         self._rng = Random(0)
         self._delayed: deque[tuple[float, bytes]] = deque()  # due instants, ascending
         self._overtaken: tuple[float, bytes] | None = None  # instant since which it waits for the next frame
-
-    @classmethod
-    def open(cls, url: SplitResult, listen: bool) -> ImpairedTransport:
-        """Always raises BadUrlError, because faults have no URL."""
-        raise BadUrlError(url.geturl(), "faults have no URL", "wrap a transport in ImpairedTransport")
 
     @property
     def faults(self) -> LinkFaults:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from threading import Event
-from urllib.parse import SplitResult
 
-from agent.wire.transport import BadUrlError, Transport, TransportClosedError
+from agent.wire.transport import Transport, TransportClosedError
 
 
 class _Queue:
@@ -31,11 +30,6 @@ class MemoryTransport(Transport):
         self._outgoing = outgoing
         self._incoming = incoming
         self._closed = False
-
-    @classmethod
-    def open(cls, url: SplitResult, listen: bool) -> MemoryTransport:
-        """Always raises BadUrlError, because a pair has no URL."""
-        raise BadUrlError(url.geturl(), "the two ends in memory have no URL", "make them with memory_pair()")
 
     @property
     def peer(self) -> str:

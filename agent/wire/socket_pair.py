@@ -9,9 +9,8 @@ from __future__ import annotations
 import socket
 from select import select
 from time import monotonic, sleep
-from urllib.parse import SplitResult
 
-from agent.wire.transport import BadUrlError, Transport, TransportClosedError
+from agent.wire.transport import Transport, TransportClosedError
 
 CHUNK_BYTES = 1 << 16
 CHUNKS = 1024  # per receive(), so that a flood does not block the caller
@@ -37,11 +36,6 @@ class SocketPairTransport(Transport):
         self._gathered = b""
         self._socket: socket.socket | None = sock
         self._room = memoryview(bytearray(CHUNK_BYTES))
-
-    @classmethod
-    def open(cls, url: SplitResult, listen: bool) -> SocketPairTransport:
-        """Always raises BadUrlError, because a pair has no URL."""
-        raise BadUrlError(url.geturl(), "the two ends of a pair have no URL", "make them with socket_pair()")
 
     @property
     def peer(self) -> str:

@@ -101,16 +101,16 @@ class _Connection:
 
 
 class TcpTransport(Transport):
-    """A stream to one peer. `connection` is None while there is none. Subclasses define the source of a peer.
+    """A stream to one peer. Subclasses define the source of a peer.
 
     losses: connections that the other side ended or the network broke.
-    chunks, chunk_bytes: limits of one `receive`; the rest waits in the system's buffer.
     """
 
     name = "tcp"
     stream = True
     lossless = True
     chunks = CHUNKS
+    """Limit of one `receive`, also in `chunk_bytes`. The rest waits in the system's buffer."""
     chunk_bytes = CHUNK_BYTES
 
     def __init__(self, address: str) -> None:
@@ -238,7 +238,7 @@ class TcpListener:
             return None
         try:
             sock, source = self._socket.accept()
-        except OSError as error:  # usually no caller, or one that gave up meanwhile
+        except OSError as error:  # usually no caller, or a caller that gave up meanwhile
             if error.errno in _NO_DESCRIPTORS:
                 self.pause(EXHAUSTED_S)
                 self.exhausted += 1
@@ -250,7 +250,7 @@ class TcpListener:
         self._again_s = monotonic() + seconds
 
     def fileno(self) -> int | None:
-        """Descriptor that becomes readable when somebody connects, None during a pause."""
+        """Descriptor that becomes readable when a caller connects, None during a pause."""
         return None if self._closed or monotonic() < self._again_s else self._socket.fileno()
 
     def close(self) -> None:

@@ -97,7 +97,7 @@ class ServedPeer:
             self._patience_s = self._asked_s
 
     def bound(self, now_s: float) -> bool:
-        """Whether the peer has an active run, so that nobody else is served."""
+        """Whether the peer has an active run, so that no other is served."""
         return self._patience_s == RUN_SILENCE_S and not self._is_over(now_s)
 
     def gives_way(self, standing: SenderStatus, now_s: float) -> bool:
@@ -184,9 +184,9 @@ class Transport(ABC):
         self.unsent = 0
 
     @classmethod
-    @abstractmethod
     def open(cls: type[Self], url: SplitResult, listen: bool) -> Self:
-        """Open from a split URL. Raises a TransportError."""
+        """Open from a split URL. Raises a TransportError: always BadUrlError for a transport without a URL."""
+        raise BadUrlError(url.geturl(), f"{cls.__name__} has no URL", "use a scheme of SCHEMES")
 
     @abstractmethod
     def send(self, data: bytes) -> bool:

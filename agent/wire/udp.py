@@ -27,7 +27,7 @@ class UdpTransport(Transport):
     on another port is served. While the peer has an active run, datagrams of others are refused unread. At other times
     those of any sender are returned, a few at a time, because they may be a flood.
 
-    refused: number of reports by the other machine that nobody listens at the port (ICMP).
+    refused: number of reports by the other machine that no program listens at the port (ICMP).
     peer_changes: number of changes of the peer.
     batch: largest number of datagrams per `receive`.
     longest: longer datagrams are dropped, and counted in `too_long`.

@@ -165,12 +165,15 @@ class SectionHulls:
     @classmethod
     def from_spec(cls, model: VesselSpec, water: Water) -> SectionHulls:
         """Compute the constants from the vessel's hulls and the water."""
-        parts = [_cut(number, hull) for number, hull in enumerate(model.demi_hulls)]
+        # The strips of all hulls, with as many corners each: the last corner of a section is repeated
+        parts = [_cut_hull(number, hull) for number, hull in enumerate(model.demi_hulls)]
         most = max(part.corners_m.shape[1] for part in parts)
-        corners = np.concatenate([_padded(part.corners_m, most) for part in parts])
+        padding = [((0, 0), (0, most - part.corners_m.shape[1]), (0, 0)) for part in parts]
+        corners = np.concatenate([np.pad(p.corners_m, pad, "edge") for p, pad in zip(parts, padding, strict=True)])
         along, length_m = (np.concatenate([getattr(part, name) for part in parts]) for name in ("along_m", "length_m"))
         area = np.concatenate([part.area_m2 for part in parts])
         y, z = corners[..., 0], corners[..., 1]
+        # Sampling points to port and starboard of the strips' middles
         middle, aside = _breadth(corners, area)
         points = np.stack(
             [np.column_stack([along, middle + side * aside, 0.0 * along]) for side in (-1.0, 1.0)], axis=1
@@ -198,6 +201,7 @@ class SectionHulls:
             wrench=_lift_wrench().reshape(12, 6),
             level_m=water.level_m,
         )
+        # The waterline of the level vessel at rest
         check_reserve(model, water, hulls.volume_m3)
         depth_m = upright_depth_m(model, hulls)
         wet, one, other = _wet_share(z + depth_m)
@@ -225,6 +229,7 @@ class SectionHulls:
 
     def _lift_n(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
         """Return the (N, 4) lift and its moments about x, y and z."""
+        # Integrals of the depth along the part of each edge under water
         depth = self._depth_m(pos_ned_m, down_frd, surface)
         wet, one, other = _wet_share(depth)
         both = one + other
@@ -233,6 +238,7 @@ class SectionHulls:
         np.multiply(wet, wet * (one - other) + 3.0 * other, out=edges[:, 1])
         np.multiply(wet, both * both - one * other, out=edges[:, 2])
         sums = edges.reshape(len(depth), -1) @ self.per_edge
+        # Area and moments, by the divergence theorem with the field g d / |g|^2
         across, down = down_frd[:, 1:2] + surface.slope_frd[:, 1:2], down_frd[:, 2:3]
         gradient = np.concatenate((across, down), axis=1)
         gradient /= across * across + down * down + _TINY
@@ -259,7 +265,7 @@ def _wet_share(depth_m: Array) -> tuple[Array, Array, Array]:
     return (one + other) / (size[..., :-1] + size[..., 1:] + _TINY), one, other
 
 
-def _cut(number: int, hull: DemiHull) -> HullStrips:
+def _cut_hull(number: int, hull: DemiHull) -> HullStrips:
     try:
         return cut_strips(hull)
     except SpecificationError as error:
@@ -267,11 +273,6 @@ def _cut(number: int, hull: DemiHull) -> HullStrips:
     except MeshFileError as error:
         assert hull.mesh is not None
         raise SpecificationError(("hulls", number, "mesh", "file"), f"= {hull.mesh.file} {error}") from error
-
-
-def _padded(corners_m: Array, count: int) -> Array:
-    """Pad to (S, count, 2) by repetition of each section's last corner."""
-    return np.pad(corners_m, ((0, 0), (0, count - corners_m.shape[1]), (0, 0)), mode="edge")
 
 
 def _breadth(corners_m: Array, area_m2: Array) -> tuple[Array, Array]:

@@ -51,22 +51,18 @@ class Derivative(NamedTuple):
 
 def parse_derivative(name: str) -> Derivative:
     """Return the term of a name. Raises ValueError with a valid form for an invalid name."""
-    found = _NAME.fullmatch(name)
-    if found is None:
+    match = _NAME.fullmatch(name)
+    if match is None:
         raise ValueError("is not a derivative; write a name like Y_v, N_vdot, Y_rv, Y_|r|v or X_uuu")
-    component, acceleration, product = found.groups()
+    component, acceleration, product = match.groups()
     if acceleration is not None:
         return Derivative(COMPONENTS.index(component), VELOCITIES.index(acceleration), ())
     letters = [(letter, bool(bar)) for letter, bar in _FACTOR.findall(product)]
-    if len(letters) == 2 and not any(bar for _, bar in letters) and _needs_magnitude(component, product):
-        letters[0] = (letters[0][0], True)
+    if len(letters) == 2 and not any(bar for _, bar in letters):
+        # The first factor is a magnitude if the plain product would push to the same side for both directions.
+        odd = {"X": "u", "Y": "vpr", "K": "vpr", "N": "vpr"}.get(component, "wq")
+        if set(product) <= set(odd):
+            letters[0] = (letters[0][0], True)
     return Derivative(
         COMPONENTS.index(component), None, tuple((VELOCITIES.index(letter), bar) for letter, bar in letters)
     )
-
-
-def _needs_magnitude(component: str, product: str) -> bool:
-    """Return True if the plain product of two velocities would push to the same side for both directions of motion."""
-    if component == "X":
-        return product == "uu"
-    return set(product) <= set("vpr" if component in "YKN" else "wq")

@@ -52,9 +52,11 @@ def floating_pose(model: VesselSpec, water: Water, hulls: Buoyancy | None = None
     Raises:
         SpecificationError: the vessel sinks, capsizes, or has more than `MOST_INCLINED_DEG` of heel or trim.
     """
+    # Level at its displacement: stable?
     hulls = make_buoyancy(model, water) if hulls is None else hulls
     level = np.array([upright_depth_m(model, hulls), 0.0, 0.0])
     _check_stability(model, *_metacentric_heights_m(model, _balance(model, hulls, level)[1]))
+    # At rest: upright, and stable?
     pose = _newton(model, hulls, level)
     if pose is None or np.degrees(np.abs(pose[1:]).max()) > MOST_INCLINED_DEG:
         raise _askew(model, hulls, level, pose)
@@ -142,14 +144,14 @@ def _askew(model: VesselSpec, hulls: Buoyancy, level: Array, pose: Array | None)
     apart_m = (np.array(model.centre_of_gravity_frd_m) - buoyancy)[:2]
     far = int(np.abs(apart_m).argmax())
     side = (("behind", "ahead of"), ("to port of", "to starboard of"))[far][int(apart_m[far] > 0.0)]
-    lies = "finds no rest"
+    state = "has no position of rest"
     if pose is not None:
         heel_deg, trim_deg = np.degrees(pose[1:]).tolist()
-        lies = f"lies with {heel_deg:.1f} deg of heel and {trim_deg:.1f} deg of trim at rest"
+        state = f"lies with {heel_deg:.1f} deg of heel and {trim_deg:.1f} deg of trim at rest"
     return SpecificationError(
         path,
-        f"= {value} {lies}: the weight is {abs(apart_m[far]):.3g} m {side} the buoyancy of the level vessel; "
-        "bring the two together",
+        f"= {value} {state}: the weight is {abs(apart_m[far]):.3g} m {side} the buoyancy of the level vessel; "
+        "move the weight or the hulls",
     )
 
 
@@ -157,4 +159,4 @@ def _weight_key(model: VesselSpec) -> tuple[tuple[str, ...], str]:
     """Return the key that gives the position of the weight, and its value."""
     if model.hulls_key == "hull" and not any(model.centre_of_gravity_frd_m):
         return ("hull", "keel_below_cg_m"), f"{model.keel_m:g}"
-    return ("centre_of_gravity_frd_m",), f"[{', '.join(f'{one:g}' for one in model.centre_of_gravity_frd_m)}]"
+    return ("centre_of_gravity_frd_m",), f"[{', '.join(f'{part:g}' for part in model.centre_of_gravity_frd_m)}]"

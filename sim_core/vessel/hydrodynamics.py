@@ -64,12 +64,13 @@ class Hydrodynamics:
         """Compute the constants from the vessel's data. draft_m: draft of the keel at rest."""
         centre = centre_of_lateral_resistance(model, draft_m)
         named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
+        # M, and M [w x v; 0] - C(nu) nu
         rigid_mass, added_mass = rigid_body_mass(model), added_mass_matrix(model, named, centre)
         mass: Array = rigid_mass + added_mass
         symmetric = 0.5 * (mass + mass.T)
         products = transport_products(mass) - coriolis_products(symmetric)
+        # -D(nu) nu: linear, per axis and at the stern, across the hull, and by name
         linear = -linear_damping(model, named, centre)
-
         parts: list[AxisDrag | CrossFlow | Polynomial] = []
         shed = has_stern_force(model)
         if shed or any(astuple(model.damping_quadratic)):
@@ -201,8 +202,8 @@ def moved_to(place_frd_m: Array) -> Array:
 
 def centre_of_lateral_resistance(model: VesselSpec, draft_m: float) -> Array:
     """Return the (3,) place at which per-axis values act."""
-    given = model.centre_of_lateral_resistance_frd_m
-    return np.array(given or (model.midship_frd_x_m, 0.0, model.keel_m - 0.5 * draft_m))
+    centre = model.centre_of_lateral_resistance_frd_m
+    return np.array(centre or (model.midship_frd_x_m, 0.0, model.keel_m - 0.5 * draft_m))
 
 
 def rigid_body_mass(model: VesselSpec) -> Array:
@@ -236,11 +237,11 @@ def _about_origin(
 ) -> Array:
     """Return (6, 6): the per-axis values at the centre, or the matrix, less the derivatives of a single axis."""
     move = moved_to(centre)
-    found: Array = move.T @ np.diag(per_axis) @ move if matrix is None else np.array(matrix)
+    total: Array = move.T @ np.diag(per_axis) @ move if matrix is None else np.array(matrix)
     for (derivative, value), axis in zip(named, of_axes, strict=True):
         if axis is not None:
-            found[derivative.component, axis] -= value
-    return found
+            total[derivative.component, axis] -= value
+    return total
 
 
 def has_stern_force(model: VesselSpec) -> bool:

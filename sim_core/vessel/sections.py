@@ -91,12 +91,14 @@ def hull_shape(hull: DemiHull) -> HullShape:
 
 def section_corners_m(section: HullSection) -> Array:
     """Return (C, 2) y and z of a section's corners, with the keel at the origin."""
-    if (radius_m := section.radius_m) is not None:
+    radius_m = section.radius_m
+    if radius_m is not None:
         turn = 2.0 * math.pi / ROUND_CORNERS
         angle = turn * (np.arange(ROUND_CORNERS) - 0.5)
         equal_area_m = radius_m * math.sqrt(turn / math.sin(turn))
         return np.column_stack([equal_area_m * np.sin(angle), equal_area_m * np.cos(angle) - radius_m])
-    if (table := section.offsets_m) is None:
+    table = section.offsets_m
+    if table is None:
         assert section.width_m is not None
         assert section.depth_m is not None
         table = ((0.0, 0.5 * section.width_m), (section.depth_m, 0.5 * section.width_m))
@@ -138,12 +140,13 @@ def _mesh_strips(hull: DemiHull) -> HullStrips:
     low_m, high_m = shape.vertices_m[:, 0].min(), shape.vertices_m[:, 0].max()
     places = np.linspace(low_m, high_m, 2 * hull.strips + 1)
     places[0], places[-1] = places[0] + _WITHIN * (high_m - low_m), places[-1] - _WITHIN * (high_m - low_m)
-    loops = [_cut(shape, x_m) for x_m in places.tolist()]
-    area = np.array([sum(map(_loop_area_m2, each)) for each in loops])
-    cuts = [_simplified(each, hull.mesh.corners) for each in loops[1::2]]
+    cut_loops = [_cut_mesh(shape, x_m) for x_m in places.tolist()]
+    area = np.array([sum(map(_loop_area_m2, loops)) for loops in cut_loops])
+    cuts = [_simplified(loops, hull.mesh.corners) for loops in cut_loops[1::2]]
     most = max(len(cut) for cut in cuts)
     middle = np.array([hull.keel_frd_m[1:]])
     cuts = [cut if len(cut) else middle for cut in cuts]  # no part of the mesh there
+    # Volumes and their middles, by Simpson's rule
     step = (high_m - low_m) / hull.strips / 6.0
     volume = step * (area[:-1:2] + 4.0 * area[1::2] + area[2::2])
     moment = step * (area * places)[:-1:2] + step * (4.0 * (area * places)[1::2] + (area * places)[2::2])
@@ -171,11 +174,11 @@ def _placed_mesh(hull: DemiHull) -> HullShape:
         (("mesh", "depth_m"), hull.mesh.depth_m, MESH_SHARE, 2),
     ):
         if not (1.0 - short) * size_m[axis] <= given_m <= (1.0 + MESH_SHARE) * size_m[axis]:
-            measured = " x ".join(f"{one:.3g}" for one in size_m)
+            measured = " x ".join(f"{extent:.3g}" for extent in size_m)
             raise SpecificationError(
                 key,
                 f"= {given_m:g} does not fit {path}, which is {measured} m long, wide and deep; "
-                f"use {size_m[axis]:.3g}, or mend the mesh's scale or axes",
+                f"use {size_m[axis]:.3g}, or correct the mesh's scale or axes",
             )
     lowest = np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), high[2]])
     return HullShape(vertices - lowest + hull.keel_frd_m, faces)
@@ -197,13 +200,14 @@ def _closed_mesh(mesh: HullMesh, stamp_ns: int) -> tuple[Array, NDArray[int32]]:
     vertices, faces = vertices[used], number.reshape(-1, 3).astype(int32)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     _, edge, sharing = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
-    if odd := int(np.count_nonzero(sharing % 2)):
+    odd = int(np.count_nonzero(sharing % 2))
+    if odd:
         raise MeshFileError(
-            f"is not closed: {odd} of its {len(sharing)} edges belong to one triangle alone; "
+            f"is not closed: {odd} of its {len(sharing)} edges belong to a single triangle; "
             "close its holes, deck included"
         )
     if np.any(np.bincount(edge.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1, -1))):
-        raise MeshFileError("has triangles that face inward beside others that face outward; make its normals agree")
+        raise MeshFileError("has triangles that face inward and others that face outward; make its normals agree")
     own = mesh.scale * vertices * (1.0 if mesh.axes == "frd" else np.array([1.0, -1.0, -1.0]))
     volume_m3, size_m3 = _volume_m3(own[faces]), float(np.prod(np.ptp(own, axis=0)))
     if abs(volume_m3) <= 1e-6 * size_m3 or not size_m3:
@@ -217,23 +221,24 @@ def _volume_m3(corners_m: Array) -> float:
     return float(np.vecdot(a, np.cross(b, c)).sum() / 6.0)
 
 
-def _cut(shape: HullShape, along_m: float) -> list[Array]:
+def _cut_mesh(shape: HullShape, along_m: float) -> list[Array]:
     """Return (C, 2) y and z of each loop in which a plane across the hull cuts the surface."""
     ahead = shape.vertices_m[:, 0] >= along_m
     onward: dict[tuple[int, int], list[tuple[int, int]]] = {}  # from each cut edge to the next, over a face
     for face in shape.faces[np.ptp(ahead[shape.faces].astype(int), axis=1) > 0].tolist():
-        (forward,) = ((one, other) for one, other in pairwise((*face, face[0])) if ahead[other] and not ahead[one])
-        (back,) = ((other, one) for one, other in pairwise((*face, face[0])) if ahead[one] and not ahead[other])
+        edges = list(pairwise((*face, face[0])))
+        (forward,) = ((start, end) for start, end in edges if ahead[end] and not ahead[start])
+        (back,) = ((end, start) for start, end in edges if ahead[start] and not ahead[end])
         onward.setdefault(forward, []).append(back)
     loops = []
     while onward:
-        edges = [next(iter(onward))]
-        while (following := onward.get(edges[-1])) is not None:
-            edge = edges[-1]
-            edges.append(following.pop())
-            if not following:
+        loop = [next(iter(onward))]
+        while loop[-1] in onward:
+            edge = loop[-1]
+            loop.append(onward[edge].pop())
+            if not onward[edge]:
                 del onward[edge]
-        behind, before = shape.vertices_m[np.array(edges[1:]).T]
+        behind, before = shape.vertices_m[np.array(loop[1:]).T]
         share = (along_m - behind[:, 0]) / (before[:, 0] - behind[:, 0])
         loops.append((behind + share[:, None] * (before - behind))[:, 1:])
     return loops
@@ -246,20 +251,20 @@ def _simplified(loops: list[Array], corners: int) -> Array:
     connections between loops in both directions, so that they cancel.
     """
     share = corners / max(sum(len(loop) for loop in loops), corners)
-    kept = [_with_corners(loop, max(round(share * len(loop)), 4)) for loop in loops]
-    parts = [np.concatenate([loop, loop[:1]]) for loop in kept] + [loop[:1] for loop in kept[-2::-1]]
+    simplified = []
+    for loop_m in loops:
+        # Remove the corner of the smallest triangle with its neighbours, again and again
+        left = loop_m
+        while len(left) > max(round(share * len(loop_m)), 4):
+            before, after = np.roll(left, 1, axis=0) - left, np.roll(left, -1, axis=0) - left
+            left = np.delete(left, np.argmin(np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])), axis=0)
+        # Stretch the widths to the area of the loop
+        wanted, area, middle = _loop_area_m2(loop_m), _loop_area_m2(left), left[:, 0].mean()
+        if area:
+            left = np.column_stack([middle + (left[:, 0] - middle) * (wanted / area), left[:, 1]])
+        simplified.append(left)
+    parts = [np.concatenate([loop, loop[:1]]) for loop in simplified] + [loop[:1] for loop in simplified[-2::-1]]
     return np.concatenate([np.empty((0, 2)), *parts])
-
-
-def _with_corners(loop_m: Array, corners: int) -> Array:
-    left = loop_m
-    while len(left) > corners:
-        before, after = np.roll(left, 1, axis=0) - left, np.roll(left, -1, axis=0) - left
-        left = np.delete(left, np.argmin(np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])), axis=0)
-    wanted, area, middle = _loop_area_m2(loop_m), _loop_area_m2(left), left[:, 0].mean()
-    if area:
-        left = np.column_stack([middle + (left[:, 0] - middle) * (wanted / area), left[:, 1]])
-    return left
 
 
 def _loop_area_m2(loop_m: Array) -> float:

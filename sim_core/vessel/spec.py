@@ -25,7 +25,6 @@ from sim_core.keys import (
     SpecificationError,
     Vector,
 )
-from sim_core.vessel.definiteness import lacking_diagonal
 from sim_core.vessel.derivatives import COMPONENTS, VELOCITIES, Derivative, parse_derivative
 
 Row = tuple[float, float, float, float, float, float]
@@ -99,7 +98,8 @@ class HullSection(Specification):
             raise SpecificationError((), "needs one form; give radius_m, or width_m and depth_m, or offsets_m")
         if box and (self.width_m is None or self.depth_m is None):
             raise SpecificationError((), "is a box without its size; give width_m and depth_m")
-        if (table := self.offsets_m) is None:
+        table = self.offsets_m
+        if table is None:
             return
         heights_m, halves_m = [height_m for height_m, _ in table], [half_m for _, half_m in table]
         if heights_m[0] != 0:
@@ -111,14 +111,14 @@ class HullSection(Specification):
 
     @property
     def greatest_width_m(self) -> float:
-        """From side to side."""
+        """Greatest width, from side to side."""
         if self.radius_m is not None:
             return 2.0 * self.radius_m
         return self.width_m or 2.0 * max((half_m for _, half_m in self.offsets_m or ()), default=0.0)
 
     @property
     def height_m(self) -> float:
-        """From keel to deck."""
+        """Height from keel to deck."""
         if self.radius_m is not None:
             return 2.0 * self.radius_m
         return self.depth_m or max((height_m for height_m, _ in self.offsets_m or ()), default=0.0)
@@ -156,16 +156,18 @@ class DemiHull(Specification):
             wrong = "no share above 0" if not any(shares) else f"a share of {min(shares):g}"
             raise SpecificationError(("taper",), f"has {wrong}; give shares of the section's width")
         if self.mesh is not None and self.taper != _UNTAPERED:
-            raise SpecificationError(("taper",), "is of a section; a mesh has its own ends, leave the taper away")
+            raise SpecificationError(
+                ("taper",), "is only for a section, because a mesh has its own ends; leave out the taper"
+            )
 
     @property
     def prismatic(self) -> bool:
-        """Whether it has its section all along."""
+        """Whether the section is the same along the whole length."""
         return self.section is not None and all(share == 1 for _, share in self.taper)
 
     @property
     def width_m(self) -> float:
-        """Greatest, from side to side."""
+        """Greatest width, from side to side."""
         if self.section is not None:
             return self.section.greatest_width_m * max(share for _, share in self.taper)
         assert self.mesh is not None
@@ -173,7 +175,7 @@ class DemiHull(Specification):
 
     @property
     def height_m(self) -> float:
-        """From keel to deck."""
+        """Height from keel to deck."""
         shape = self.section.height_m if self.section is not None else self.mesh and self.mesh.depth_m
         assert shape
         return shape
@@ -414,18 +416,44 @@ class BatterySpec(Specification):
             )
 
 
+_PIVOT_ROUNDING = 1e-9
+
+
+def lacking_diagonal(matrix: Sequence[Sequence[float]]) -> tuple[int, float] | None:
+    """Return the first row with a diagonal entry too small for a definite symmetric part, and the required minimum.
+
+    Return None if the symmetric part is positive semi-definite. The method is elimination. If the rows above are
+    positive definite, the part remains so if and only if the remaining pivot is not negative.
+    """
+    size = len(matrix)
+    rest = [[0.5 * (matrix[i][j] + matrix[j][i]) for j in range(size)] for i in range(size)]
+    scale = [max(abs(entry) for entry in row) for row in rest]
+    for k in range(size):
+        pivot, below = rest[k][k], range(k + 1, size)
+        tied = any(abs(rest[j][k]) > _PIVOT_ROUNDING * (scale[j] + scale[k]) for j in below)
+        if pivot < -_PIVOT_ROUNDING * scale[k] or (pivot <= _PIVOT_ROUNDING * scale[k] and tied):
+            return k, matrix[k][k] - pivot
+        if tied:
+            for i in below:
+                share = rest[i][k] / pivot
+                for j in below:
+                    rest[i][j] -= share * rest[k][j]
+    return None
+
+
 def _refuse_indefinite(
     key: str, matrix: Sequence[Sequence[float]], definite: str, diagonal: Sequence[str] | None = None
 ) -> None:
     """Raises SpecificationError for a matrix whose symmetric part has a negative eigenvalue; diagonal: its names."""
-    if (lacking := lacking_diagonal(matrix)) is None:
+    lacking = lacking_diagonal(matrix)
+    if lacking is None:
         return
     row, least = lacking
     entry = diagonal[row] if diagonal else f"row {row + 1}, column {row + 1}"
     raise SpecificationError(
         (key,),
-        f"is not {definite}: {entry} = {matrix[row][row]:g} has to reach {least:g} beside the entries off the diagonal;"
-        " raise it, make those smaller, or look for a sign",
+        f"is not {definite}: {entry} = {matrix[row][row]:g} must be at least {least:g} for the entries off the "
+        "diagonal; raise it, reduce those entries, or look for a wrong sign",
     )
 
 
@@ -525,7 +553,10 @@ class VesselSpec(Specification):
                 raise SpecificationError(("actuators", name), why)
 
     def _check_inertia(self) -> None:
-        """The sum of m r r^T over the body, half the trace less the tensor, is positive semi-definite for any body."""
+        """Check that a body with this inertia exists.
+
+        The sum of m r r^T over the body, half the trace less the tensor, is positive semi-definite for any body.
+        """
         half = 0.5 * sum(self.inertia_kgm2)
         xy, xz, yz = self.inertia_products_kgm2
         spread = [[half, xy, xz], [xy, half, yz], [xz, yz, half]]
@@ -534,8 +565,8 @@ class VesselSpec(Specification):
         if lacking_diagonal(spread) is not None:
             raise SpecificationError(
                 ("inertia_products_kgm2",),
-                f"= [{xy:g}, {xz:g}, {yz:g}] belong to no body: they are too large beside the moments of inertia_kgm2; "
-                "make them smaller",
+                f"= [{xy:g}, {xz:g}, {yz:g}] belong to no body: they are too large for the moments of inertia_kgm2; "
+                "reduce them",
             )
 
     def _parsed_derivatives(self) -> dict[str, Derivative]:
@@ -548,7 +579,7 @@ class VesselSpec(Specification):
         return parsed
 
     def _check_given_once(self, parsed: dict[str, Derivative]) -> None:
-        """Each term by its matrix, by its axis or by its name."""
+        """Check that each term is given once: by its matrix, by its axis or by its name."""
         masses, linear = astuple(self.added_mass), astuple(self.damping_linear)
         for matrix, per_axis, values in (
             ("added_mass_matrix", "added_mass", masses),
@@ -556,16 +587,15 @@ class VesselSpec(Specification):
         ):
             given = [field.name for field, value in zip(fields(getattr(self, per_axis)), values, strict=True) if value]
             if getattr(self, matrix) is not None and given:
-                text = f"and {per_axis}.{given[0]} both give it; leave the matrix away, or set {per_axis} to 0"
+                text = f"and {per_axis}.{given[0]} both give it; leave out the matrix, or set {per_axis} to 0"
                 raise SpecificationError((matrix,), text)
         quadratic = astuple(self.damping_quadratic)
         first: dict[object, str] = {}
         for name, derivative in parsed.items():
             component, acceleration, factors = derivative.term
-            if (other := first.setdefault(derivative.term, name)) != name:
-                raise SpecificationError(
-                    ("derivatives", name), f"and {other} are the same term; leave one of them away"
-                )
+            other = first.setdefault(derivative.term, name)
+            if other != name:
+                raise SpecificationError(("derivatives", name), f"and {other} are the same term; leave one of them out")
             also = None
             if acceleration is not None and self.added_mass_matrix is not None:
                 also = "added_mass_matrix"
@@ -579,7 +609,7 @@ class VesselSpec(Specification):
                 also = f"damping_quadratic.{fields(Damping)[component].name}"
             if also is not None:
                 raise SpecificationError(
-                    ("derivatives", name), f"and {also} both give it; leave one of them away, or set {also} to 0"
+                    ("derivatives", name), f"and {also} both give it; leave one of them out, or set {also} to 0"
                 )
 
     def _check_signs(self, parsed: dict[str, Derivative]) -> None:
@@ -592,14 +622,14 @@ class VesselSpec(Specification):
         for name, value in self.derivatives.items():
             own = name in [most for _, most in highest.values()] or parsed[name].own_order == 1
             if value > 0 and (own or parsed[name].acceleration == parsed[name].component):
-                what = "drives the hull" if parsed[name].acceleration is None else "is a negative mass"
+                effect = "drives the hull" if parsed[name].acceleration is None else "is a negative mass"
                 raise SpecificationError(
                     ("derivatives", name),
-                    f"= {value:g} {what}: SNAME's derivatives carry the sign of the force; write {-value:g}",
+                    f"= {value:g} {effect}: SNAME's derivatives carry the sign of the force; write {-value:g}",
                 )
 
     def _check_definite(self, parsed: dict[str, Derivative]) -> None:
-        """Added mass and linear damping never drive: the first in all forms, the second as a matrix.
+        """Check that added mass and linear damping never drive: the first in all forms, the second as a matrix.
 
         Published tables have pairs of linear derivatives, fitted at speed, that are indefinite at rest.
         """
@@ -641,29 +671,29 @@ class VesselSpec(Specification):
 
     @property
     def demi_hulls(self) -> tuple[DemiHull, ...]:
-        """All of them; those of `hull` as two with a round section, port first."""
+        """All hulls. `hull` gives two hulls with a round section, port first."""
         return self.hulls if self.hull is None else _round_demi_hulls(self.hull)
 
     @property
     def hulls_key(self) -> str:
-        """The key that gives the hulls."""
+        """Key that gives the hulls."""
         return "hulls" if self.hull is None else "hull"
 
     @property
     def length_m(self) -> float:
-        """Overall, of all hulls."""
+        """Overall length of all hulls."""
         ends = [(hull.keel_frd_m[0], 0.5 * hull.length_m) for hull in self.demi_hulls]
         return max(middle + half for middle, half in ends) - min(middle - half for middle, half in ends)
 
     @property
     def midship_frd_x_m(self) -> float:
-        """Halfway along all hulls, forward of the body's origin."""
+        """Position halfway along all hulls, forward of the body's origin."""
         ahead = max(hull.keel_frd_m[0] + 0.5 * hull.length_m for hull in self.demi_hulls)
         return ahead - 0.5 * self.length_m
 
     @property
     def width_m(self) -> float:
-        """Overall, of all hulls."""
+        """Overall width of all hulls."""
         sides = [(hull.keel_frd_m[1], 0.5 * hull.width_m) for hull in self.demi_hulls]
         return max(middle + half for middle, half in sides) - min(middle - half for middle, half in sides)
 

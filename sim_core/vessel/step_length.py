@@ -24,6 +24,7 @@ def check_step_length(acceleration: Callable[[Array], Array], dt_s: float) -> No
     matrix = small_motions(acceleration)
     if is_followed(matrix, dt_s):
         return
+    # The axis of the fastest motion, and the step length that follows it
     rates, shapes = np.linalg.eig(matrix)
     fastest = int(np.argmax(np.abs(rates)))
     share = np.abs(shapes[:, fastest] * np.linalg.pinv(shapes)[fastest])[_POSE:]
@@ -48,16 +49,17 @@ def small_motions(acceleration: Callable[[Array], Array]) -> Array:
 
 def slopes(rates: Callable[[Array], Array]) -> Array:
     """Return the (R, 9) derivatives of (K, R) rates by the 9 states of `small_motions`, by central differences."""
-    given = rates(np.concatenate([np.diag(_OFFSETS), -np.diag(_OFFSETS)]))
-    matrix: Array = (given[:9] - given[9:]).T / (2.0 * _OFFSETS)
+    values = rates(np.concatenate([np.diag(_OFFSETS), -np.diag(_OFFSETS)]))
+    matrix: Array = (values[:9] - values[9:]).T / (2.0 * _OFFSETS)
     return matrix
 
 
 def is_followed(matrix: Array, dt_s: float) -> bool:
     """Return True if steps of dt_s stay as bounded as the motions of `small_motions` themselves."""
+    # One step of the integration: pose, velocity and last acceleration
     pose, moved = slice(0, _POSE), slice(_POSE, _POSE + _RATES)
     before = slice(_POSE + _RATES, _POSE + 2 * _RATES)
-    acceleration = np.zeros((_RATES, _POSE + 2 * _RATES))  # of pose, velocity, last acceleration
+    acceleration = np.zeros((_RATES, _POSE + 2 * _RATES))
     acceleration[:, pose], acceleration[:, moved] = matrix[_POSE:, :_POSE], matrix[_POSE:, _POSE:]
     acceleration[:, before] = 0.5 * dt_s * matrix[_POSE:, _POSE:]
     step = np.zeros((_POSE + 2 * _RATES, _POSE + 2 * _RATES))
@@ -66,5 +68,6 @@ def is_followed(matrix: Array, dt_s: float) -> bool:
     step[moved, moved] += np.eye(_RATES)
     step[pose] = dt_s * matrix[:_POSE, _POSE:] @ step[moved]
     step[pose, pose] += np.eye(_POSE)
+    # Compare its growth with that of the motions
     grows = max(float(np.linalg.eigvals(matrix).real.max()), 0.0)
     return float(np.abs(np.linalg.eigvals(step)).max()) <= math.exp(grows * dt_s) * (1.0 + _ROUNDING)

@@ -143,6 +143,7 @@ def step(
     vessel: Vessel, state: VesselState, command: Array, around: Surroundings, wrench_frd: Array | None = None
 ) -> VesselState:
     """Advance one step under (N, C) commands in [-1, 1]. wrench_frd: (N, 6) external force and moment, in body axes."""
+    # Change of the velocities by water, air and propellers (Adams and Bashforth), and by external forces
     motion, dt_s, condition = state.motion, vessel.dt_s, state.condition
     thrust_share = None if condition is None else condition.thrust_share
     half_change = _change(motion, accelerate(vessel, motion, state.rotor_speed, around, thrust_share), 0.5 * dt_s)
@@ -150,6 +151,7 @@ def step(
     change -= half_change if state.half_change is None else state.half_change
     if wrench_frd is not None:
         change += _change(motion, wrench_frd @ vessel.hydrodynamics.inverse_mass, dt_s)
+    # Battery, actuators, and the pose
     battery, command = _drive(vessel, state, command)
     rotor_speed = vessel.propulsion.spin(state.rotor_speed, command)
     return VesselState(advance(motion, change, half_change, dt_s), rotor_speed, half_change, condition, battery)
@@ -188,6 +190,7 @@ def accelerate(
 
     Every force is linear in some terms. All terms, concatenated, times one constant matrix give the acceleration.
     """
+    # Velocities relative to water and air, and the slope of the surface, in body axes
     surface = around.surface
     ned = np.empty((len(motion.pos_ned_m), 3, 3))
     np.subtract(motion.vel_ned_mps, around.water_ned_mps, out=ned[:, 0])
@@ -197,6 +200,7 @@ def accelerate(
     nu_r = np.concatenate((frd[:, 0], motion.gyro_frd_radps - surface.turn_frd_radps), axis=1)
     down_frd = motion.rot_ned_frd[:, 2]
 
+    # Terms of all forces
     terms = (
         *vessel.hydrodynamics.terms(nu_r),
         *vessel.buoyancy.terms(motion.pos_ned_m, down_frd, -down_frd, surface),

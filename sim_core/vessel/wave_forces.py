@@ -39,7 +39,11 @@ class WaveForces:
     ) -> WaveForces:
         """Compute the constants. depth_m: depth of the body's origin at rest below the still surface."""
         mass = hydrodynamics.added_mass.T  # rows: the force of one acceleration
-        slide = -_lift_at_rest(buoyancy, depth_m) - GRAVITY_MPS2 * mass[:3]
+        # Force and moment of the lift at rest, as if it acted along x, y or z of the body
+        surface = StillHull(len(buoyancy.points_frd_m)).sample(0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
+        pos_ned_m = np.tile([0.0, 0.0, depth_m - buoyancy.level_m], (3, 1))
+        (terms,) = buoyancy.terms(pos_ned_m, np.tile([0.0, 0.0, 1.0], (3, 1)), np.eye(3), surface)
+        slide = -(terms @ buoyancy.wrench) - GRAVITY_MPS2 * mass[:3]
         # Heave damping acts along the vertical at any tilt of the body. The momentum of the water that heaves with the
         # hull turns with the body alone, not with the water.
         upright = np.zeros((4, 6))
@@ -85,12 +89,3 @@ class NoWaveForces:
 
 
 FLAT = NoWaveForces(np.zeros((0, 6)), NoDrift())
-
-
-def _lift_at_rest(buoyancy: Buoyancy, depth_m: float) -> Array:
-    """Return the (3, 6) force and moment of the lift at rest, as if it acted along x, y or z of the body."""
-    surface = StillHull(len(buoyancy.points_frd_m)).sample(0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
-    pos_ned_m = np.tile([0.0, 0.0, depth_m - buoyancy.level_m], (3, 1))
-    (terms,) = buoyancy.terms(pos_ned_m, np.tile([0.0, 0.0, 1.0], (3, 1)), np.eye(3), surface)
-    lift: Array = terms @ buoyancy.wrench
-    return lift

@@ -233,7 +233,7 @@ def test_a_board_without_systemd(board: BoardDouble) -> None:
 
 def test_a_board_without_python(board: BoardDouble) -> None:
     board.python(None)
-    refused(board.deploy(), "no python3 on the board", "apt install python3")
+    refused(board.deploy(), "python3 is not installed on the board", "apt install python3")
 
 
 @pytest.mark.parametrize("version", ["3.6", "3.7", "3.8"])
@@ -256,12 +256,12 @@ def test_an_unknown_host_key(board: BoardDouble) -> None:
 
 def test_a_user_who_is_not_let_in(board: BoardDouble) -> None:
     board.server.forget_user_key()
-    refused(board.deploy(), "did not let this user in", "--identity")
+    refused(board.deploy(), "it refused the login", "--identity")
 
 
 def test_nobody_listens(board: BoardDouble) -> None:
     board.server.close()
-    refused(board.deploy(), "no ssh server listens there", "--port")
+    refused(board.deploy(), "without an ssh server", "--port")
 
 
 def test_a_place_that_cannot_be_written(board: BoardDouble) -> None:

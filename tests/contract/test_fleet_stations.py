@@ -210,7 +210,7 @@ def test_our_own_tools_ask_which(fleet: Fleet) -> None:
 
     refused = show(fleet.tcp)
     assert refused.returncode == 2, refused.stdout
-    assert "are heard there; add ?system= and one of them" in refused.stderr
+    assert "send there; select one of them with ?system=" in refused.stderr
     (row,) = json.loads(show(f"{fleet.tcp}?system=7").stdout)["parameters"]
     assert (row["name"], row["value"]) == ("SYSID_THISMAV", 7.0)
 

@@ -220,7 +220,7 @@ def test_a_restart_is_noticed_and_served_from_where_the_run_is(world: JsonWorld,
     autopilot.restart(world.address)
     host.run(1.0)
     assert world.counts.restarts == 1
-    assert any(text.startswith("the autopilot has started anew, at 1.0") for text in host.said)
+    assert any(text.startswith("the autopilot has restarted, at 1.0") for text in host.said)
     if isinstance(autopilot, Double):
         assert autopilot.told[-1].timestamp_s == pytest.approx(2.0, abs=0.02)
 
@@ -237,12 +237,12 @@ def test_a_dead_autopilot_holds_the_world_and_is_spoken_of_once(world: JsonWorld
     host.tell(host.now_us)
     assert not any(world.advance(host.now_us * 1000) for _ in range(5))
     (text,) = host.said
-    assert re.match(r"the autopilot at udp://127\.0\.0\.1:\d+ has not taken the world since", text)
+    assert re.match(r"the autopilot at udp://127\.0\.0\.1:\d+ has not accepted the world since", text)
     assert not world.counts.taken
     _freeze(autopilot, False)
     host.run(0.5)
     assert world.counts.taken
-    assert host.said[1:] == ["the autopilot takes the world again"]
+    assert host.said[1:] == ["the autopilot accepts the world again"]
     assert world.counts.restarts == 0
 
 

@@ -82,7 +82,7 @@ def test_another_client_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
         VehicleFiles(reached).run(read_checksum("scripts/a.lua"))
     with (
         client(FtpVehicle(busy=10_000)) as reached,
-        pytest.raises(UserError, match="could not be brought to the vehicle: another client is busy"),
+        pytest.raises(UserError, match="could not be brought to the vehicle: another client uses its files"),
     ):
         install_script(reached, CONTENT)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -72,6 +73,32 @@ def test_it_starts_and_waits(archive: Path, bare: tuple[str, ...]) -> None:
         agent.terminate()
         agent.communicate()
     assert agent.returncode == 0
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_it_runs_the_bridge_of_a_package_beside_it(archive: Path, version: str, tmp_path: Path) -> None:
+    guide = (Path(__file__).parents[2] / "docs/plugins.md").read_text(encoding="utf-8")
+    (lines,) = (block for block in re.findall(r"```python\n(.*?)```", guide, re.DOTALL) if "BridgeKind" in block)
+    info = tmp_path / "xitl_lines-1.2.dist-info"
+    info.mkdir()
+    (tmp_path / "xitl_lines.py").write_text(lines, encoding="utf-8")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: xitl-lines\nVersion: 1.2\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text("[xitl.bridges]\nlines = xitl_lines:KIND\n", encoding="utf-8")
+    words = ("--role", "bridge", "--link", "udp://127.0.0.1:0", "--autopilot", "udp://127.0.0.1:9", "--sensors")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    command = [python(version), "-S", str(archive), *words]
+    own = ["--sensor-link", "udp://127.0.0.1:9"]
+    agent = subprocess.Popen([*command, "lines", *own], stdout=subprocess.PIPE, text=True, env=environment)
+    try:
+        assert agent.stdout is not None
+        assert "bridge to an autopilot waits at udp://127.0.0.1:" in agent.stdout.readline()
+    finally:
+        agent.terminate()
+        agent.communicate()
+    assert agent.returncode == 0
+    refused = subprocess.run([*command, "others", *own], capture_output=True, text=True, env=environment, check=False)
+    assert refused.returncode == 2
+    assert "sensors: others: no installed package registers it in xitl.bridges; install its" in refused.stderr
 
 
 def test_serial_and_can_are_in_it(archive: Path, bare: tuple[str, ...]) -> None:

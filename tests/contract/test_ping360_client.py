@@ -137,7 +137,7 @@ def test_a_link_names_the_pseudo_terminal(tmp_path: Path) -> None:
         ("udp://127.0.0.1", "the port is missing"),
         ("udp://198.51.100.7:9092", "no interface of this machine"),
         ("serial:///dev/there-is-none?baud=115200", "plug it in"),
-        ("serial://pty/proc/version", "cannot be made"),
+        ("serial://pty/proc/version", "cannot be created"),
     ],
 )
 def test_a_line_that_cannot_be_had_is_one_sentence(url: str, said: str) -> None:

@@ -74,7 +74,7 @@ def test_a_file_where_the_directory_should_be(xitl: Xitl, tmp_path: Path) -> Non
 def test_an_earlier_run_is_kept(xitl: Xitl, tmp_path: Path) -> None:
     assert xitl("sim", "--duration", "1", "--out", "run").returncode == 0
     before = (tmp_path / "run/run.mcap").read_bytes()
-    assert_one_line_error(xitl("sim", "--duration", "1", "--out", "run"), "already holds a run", "--overwrite")
+    assert_one_line_error(xitl("sim", "--duration", "1", "--out", "run"), "already contains a run", "--overwrite")
     assert (tmp_path / "run/run.mcap").read_bytes() == before
     assert xitl("sim", "--duration", "2", "--out", "run", "--overwrite").returncode == 0
     assert summary(tmp_path / "run")["duration_s"] == 2.0
@@ -200,4 +200,4 @@ def test_an_agent_that_dies_ends_the_run_with_a_summary(tmp_path: Path, free_por
 
 def test_a_directory_that_cannot_be_made(xitl: Xitl) -> None:
     """Not even root may make one there."""
-    assert_one_line_error(xitl("sim", "--out", "/proc/run"), "/proc/run", "cannot be made", "--out")
+    assert_one_line_error(xitl("sim", "--out", "/proc/run"), "/proc/run", "cannot be created", "--out")

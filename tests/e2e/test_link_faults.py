@@ -173,7 +173,7 @@ def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(start: 
     assert told["pace"]["slips"] == 1
     assert 2.5 < told["pace"]["slipped_s"] < 3.5
     assert told["wall_s"] == pytest.approx(told["duration_s"] + told["pace"]["slipped_s"], abs=0.2)
-    assert "this machine stood still" in said(tmp_path / "run")
+    assert "this machine stalled" in said(tmp_path / "run")
     assert_counts_add_up(told)
     # Nothing in the recording is from a time that the simulation had not reached.
     topics = payloads(tmp_path / "run/run.mcap")

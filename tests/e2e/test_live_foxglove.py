@@ -87,10 +87,13 @@ class FoxgloveClient:
         self.tell(op="subscribe", subscriptions=wanted)
 
     def call(self, action: str, **keys: Any) -> dict[str, Any]:
+        return self.call_json(action, json.dumps(keys))
+
+    def call_json(self, action: str, text: str) -> dict[str, Any]:
         self._calls += 1
         number, service = self._calls, self.services[f"/operator/{action}"]["id"]
         head = struct.pack("<BIII", CALL, service, number, 4)
-        self._socket.send(head + b"json" + json.dumps(keys).encode())
+        self._socket.send(head + b"json" + text.encode())
         self.until(lambda: number in self.answers)
         return self.answers[number]
 
@@ -137,6 +140,7 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
             client.until(lambda: client.payloads.keys() >= {"/truth/state", "/scene"})
             assert client.call("pause") == {"success": True, "message": ""}
             assert not client.call("pause")["success"]
+            assert "write its keys as a JSON object" in client.call_json("pause", "null")["message"]
             assert not client.call("launch", kind="tree", north_m=0.0, east_m=0.0)["success"]
             assert client.call("launch", kind="trunk", north_m=5.0, east_m=40.0)["success"]
             client.tell(op="getParameters", parameterNames=["paused", "environment.wind.mean_mps"], id="any")
@@ -149,7 +153,7 @@ def test_foxglove_sees_what_is_recorded_and_acts(tmp_path: Path) -> None:
             client.until(lambda: client.parameters.get("environment.wind.mean_mps") == 9.0)
             client.publish("/goal", {"pose": {"position": {"x": 20.0, "y": 10.0, "z": 0.0}}})
             client.publish("/nowhere/at-all", {})
-            client.until(lambda: any("nobody listens" in text for text in client.statuses))
+            client.until(lambda: any("the run does not use" in text for text in client.statuses))
             client.publish("/operator/ask", {"action": "pace", "factor": None})
             assert client.call("resume")["success"]
             client.until(lambda: any(b"go to 10.0 N 20.0 E" in payload for _, payload in client.payloads["/log"]))
@@ -247,6 +251,6 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path, monkeypatch: pytest.Monkey
         other.listen()
         port = other.getsockname()[1]
         profile = load_profile("sitl", [f"live.port={port}"])
-        with pytest.raises(UserError, match=f"live.port = {port}: somebody else listens there"):
+        with pytest.raises(UserError, match=f"live.port = {port}: another program listens there"):
             run(profile, tmp_path / "run", False, NoDisplay)
     assert not (tmp_path / "run").exists()

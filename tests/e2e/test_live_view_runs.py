@@ -289,7 +289,7 @@ def test_a_port_that_is_taken_is_an_error_before_anything_runs(started: Callable
         [sys.executable, "-c", "from xitl_cli.main import main; main()", *arguments], capture_output=True, text=True
     )
     assert other.returncode == 2
-    assert f"view.port = {port}: somebody else listens there" in other.stderr
+    assert f"view.port = {port}: another program listens there" in other.stderr
     assert not (tmp_path / "other").exists()
     free = started("sitl", "--duration", "1", "--view")
     if port == "8470":

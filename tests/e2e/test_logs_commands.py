@@ -90,8 +90,8 @@ def test_messages_that_a_log_has_no_row_of_and_fields_that_one_lacks_are_said(lo
     assert [row["message"] for row in rows].count("PM") == 9  # one in ten seconds
     assert [row["fields"]["Message"] for row in rows if row["message"] == "MSG"] == ["Throttle armed"]
     assert told.stderr.splitlines()[1:] == [
-        "MSG has no NL: no comparison with it holds there",
-        "PM has no Message: no comparison with it holds there",
+        "MSG has no NL: comparisons with it are false there",
+        "PM has no Message: comparisons with it are false there",
     ]
     assert logs("dump", str(CALM), "EV").returncode == 0
     assert_one_line_error(logs("plot", str(CALM), "EV"), "has no row of EV")
@@ -195,7 +195,7 @@ def test_every_command_names_the_repair_of_what_was_never_closed(
     (tmp_path / "cut.mcap").write_bytes((tmp_path / "run.mcap").read_bytes()[:-30])
     told = logs(*arguments)
     assert told.returncode == 0, told.stderr
-    assert "never closed by its writer" in " ".join((told.stdout + told.stderr).split())
+    assert "not closed by its writer" in " ".join((told.stdout + told.stderr).split())
     assert "`xitl logs repair`" in told.stdout + told.stderr
 
 

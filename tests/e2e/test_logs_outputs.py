@@ -29,16 +29,16 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-TAKEN = "is there already and is no page; name another file"
+TAKEN = "exists and is not a page; choose another file name"
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (("analyze", "run.bin", "--report", "other.bin"), TAKEN),
-        (("plot", "run.bin", "ATT.Roll", "--out", "other.bin"), ".bin is no kind of plot"),
+        (("plot", "run.bin", "ATT.Roll", "--out", "other.bin"), "cannot plot to .bin"),
         (("compare", "run.bin", "run.bin", "--report", "other.bin"), TAKEN),
-        (("plot", "run.bin", "ATT.Roll", "--out", "run.bin"), ".bin is no kind of plot"),
+        (("plot", "run.bin", "ATT.Roll", "--out", "run.bin"), "cannot plot to .bin"),
     ],
 )
 def test_a_page_is_not_written_over_a_log(arguments: tuple[str, ...], said: str, logs: Run, log: Path) -> None:
@@ -90,7 +90,7 @@ def test_names_of_files_command_no_terminal(logs: Run, log: Path) -> None:
     assert "\x1b" not in logs("analyze", hostile.name, "--section", "vehicle").stdout
     told = logs("info", "\x1b[31mnone.bin", "\x1b[31mnor.bin")
     assert "\x1b" not in told.stderr
-    assert told.stderr.count("there is no such file") == 2
+    assert told.stderr.count("does not exist") == 2
 
 
 def test_a_name_that_is_no_utf_8(log: Path) -> None:

@@ -248,7 +248,7 @@ def test_the_picker_draws_what_the_log_says(browser: Any, tmp_path: Path) -> Non
     there = log.signal(EXPRESSION)
     assert drawn[0] == pytest.approx(there.time_s.tolist(), abs=1e-6)
     assert drawn[1] == pytest.approx(there.values.tolist(), abs=1e-5)  # float32 in the page
-    assert "GPS brought onto them" in page.locator("#said").inner_text()
+    assert "GPS resampled" in page.locator("#said").inner_text()
     page.locator("#chosen button", has_text="DesYaw").click()
     assert page.locator("#picked figure").count() == 1
     assert complaints == []

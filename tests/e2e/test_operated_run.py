@@ -14,8 +14,7 @@ from xitl_cli.plugins.view.recording import open_scene
 from xitl_cli.profile import load_profile
 from xitl_cli.run.nodes.display import NoDisplay
 from xitl_cli.run.nodes.operator import OperatorNode
-from xitl_cli.run.operator.operation import Operation
-from xitl_cli.run.operator.replay import read_events
+from xitl_cli.run.operator.operation import Operation, read_events
 from xitl_cli.run.session import run
 
 SECONDS = 24.0

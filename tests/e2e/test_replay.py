@@ -170,7 +170,7 @@ def test_a_script_of_orders_arms_and_steers(xitl: Xitl, tmp_path: Path) -> None:
     [
         ("time_s,C1,C3\n0,1500,1500\n1,15OO,1500\n", ("table.csv:3: column C1: '15OO' is not a number",)),
         ("time_s,C1,C2\n0,1500,1500\n1,1600,1500\n", ("has no output C3", "driver.replay.outputs")),
-        ("time_s,C1,C3\n0,1500,1500\n1,1500,1500\n", ("no output ever leaves 1500 µs",)),
+        ("time_s,C1,C3\n0,1500,1500\n1,1500,1500\n", ("all outputs stay at 1500 µs",)),
     ],
 )
 @pytest.mark.slow

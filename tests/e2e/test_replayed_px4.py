@@ -73,7 +73,7 @@ def test_one_that_dies_under_way_ends_the_run_with_its_last_words(sim: Sim, monk
     monkeypatch.setenv("XITL_REPLAY_DIES", str(DEATH))
     code, said, told = sim("mission.xz")
     assert code == 2
-    assert "px4 ended by itself (signal 6 ended it); the last it said: Segmentation fault" in " ".join(said.split())
+    assert "px4 ended by itself (signal 6 ended it); its last output: Segmentation fault" in " ".join(said.split())
     assert told["duration_s"] == pytest.approx(DEATH / 100, abs=1.0)
 
 
@@ -81,5 +81,5 @@ def test_one_that_does_not_arm_tells_why(sim: Sim) -> None:
     code, said, _ = sim("refused.xz", "--set", "autopilot.arm_timeout_s=7")
     assert code == 2
     why = "gave up after 7 s of waiting for the autopilot to become ready to arm; it said: Preflight Fail: barometer 0"
-    number = "the autopilot is MAVLink system 101 and this vessel 1"  # the captured one was instance 100
-    assert f"{why} missing; the bridge said: {number}" in " ".join(said.split())
+    number = "the autopilot is MAVLink system 101, but this vessel is 1"  # the captured one was instance 100
+    assert f"{why} missing; the bridge reports: {number}" in " ".join(said.split())

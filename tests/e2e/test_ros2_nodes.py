@@ -157,8 +157,8 @@ def test_a_node_sails_to_a_waypoint_and_one_that_does_all_wrong_harms_nothing(
             assert sailor.process.wait(PATIENCE_S) == 0
             with ros.node(MISCHIEF) as mischief:
                 mischief.expect("disarm: ")
-                run.expect("another node publishes /clock")
-                run.expect("/set_mode: another node has it")
+                run.expect("another node also publishes /clock")
+                run.expect("/set_mode: another node uses the type")
                 assert mischief.finish() == 0, list(mischief.told)
             assert run.process.wait(PATIENCE_S) == 0, list(run.told)
     assert np.hypot(*(true_places(tmp_path / "run") - (x, y)).T).min() < 5.0  # the node's 3 m, and the estimate's error
@@ -173,10 +173,10 @@ def test_a_node_sails_to_a_waypoint_and_one_that_does_all_wrong_harms_nothing(
     for sentence in (
         "/cmd_vel has linear.x = nan",
         "speed_mps = 1000000000.0 is too large",
-        "/goal_pose is in 'camera_link', which is not known; use map or odom",
-        "/wind: a node asks for durability transient_local and is offered volatile",
-        "another node publishes /clock in domain",
-        "/set_mode: another node has it as std_msgs/msg/Float64",
+        "/goal_pose has the unknown frame 'camera_link'; use map or odom",
+        "/wind: a node requests durability transient_local, but xitl offers volatile",
+        "another node also publishes /clock in domain",
+        "/set_mode: another node uses the type std_msgs/msg/Float64",
     ):
         assert sum(sentence in warning for warning in told["warnings"]) == 1, (sentence, told["warnings"])
 

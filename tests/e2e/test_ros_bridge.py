@@ -45,11 +45,11 @@ def test_a_bridge_that_hangs_and_is_killed_holds_nothing_up(tmp_path: Path) -> N
         wait_until(lambda: "HOLD" in log.read_text())
         bridge = bridge_of(run.pid)
         os.kill(bridge, signal.SIGSTOP)
-        wait_until(lambda: "takes nothing since 5 s" in log.read_text())
+        wait_until(lambda: "has accepted no data for 5 s" in log.read_text())
         hung_s = newest_time_s(log.read_text())
         wait_until(lambda: newest_time_s(log.read_text()) > hung_s + 30.0)  # what waits for it is too much
         os.kill(bridge, signal.SIGKILL)
-        wait_until(lambda: "the run goes on without it (signal 9)" in log.read_text())
+        wait_until(lambda: "the run continues without it (signal 9)" in log.read_text())
         run.send_signal(signal.SIGINT)
         assert run.wait(PATIENCE_S) == 130
     finally:
@@ -58,7 +58,7 @@ def test_a_bridge_that_hangs_and_is_killed_holds_nothing_up(tmp_path: Path) -> N
     assert not Path(f"/proc/{bridge}").exists()
     summary = json.loads((tmp_path / "run/summary.json").read_text())
     assert [text.partition(";")[0] for text in summary["warnings"] if text.startswith("ros:")] == [
-        "ros: the bridge takes nothing since 5 s",
+        "ros: the bridge has accepted no data for 5 s",
         "ros: the bridge has ended",
     ]
     assert sum(summary["ros"]["dropped"].values()) > 0

@@ -18,8 +18,7 @@ from tests.chromium import launch_chromium, needs_chromium
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.profile import load_profile
 from xitl_cli.run.nodes.display import NoDisplay
-from xitl_cli.run.operator.operation import Operation
-from xitl_cli.run.operator.replay import read_events
+from xitl_cli.run.operator.operation import Operation, read_events
 from xitl_cli.run.session import Result, run
 
 LAUNCHES = "launches debris"
@@ -88,7 +87,7 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
             page.get_by_text("Debris and orders", exact=True).click()
             page.get_by_label("A click on the water").click()
             page.get_by_role("option", name=LAUNCHES).click()
-            refused = page.get_by_text("that is not on the water")
+            refused = page.get_by_text("the click is not on the water")
 
             def click_on_the_sky() -> bool:
                 """Until the page listens for clicks on the picture."""
@@ -110,7 +109,7 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
             wait_until(lambda: time_shown_s(page)[0] > shown_s + 1.0)
             assert page.screenshot() != before
             page.get_by_label("Pace").click()
-            page.get_by_role("option", name="as fast as it can").click()
+            page.get_by_role("option", name="as fast as possible").click()
             wait_until(lambda: not sailing.is_alive(), patience_s=3 * PATIENCE_S)
     finally:
         sailing.join(3 * PATIENCE_S)

@@ -121,8 +121,12 @@ def sim(
         typer.Option("--view-port", metavar="PORT", help="TCP port of the view (default: 8470, or a free one)."),
     ] = None,
     live: Annotated[
-        str | None,
-        typer.Option("--live", metavar="foxglove", help="Stream the recorded topics to Foxglove during the run."),
+        list[str] | None,
+        typer.Option(
+            "--live",
+            metavar="NAME",
+            help="Stream the recorded topics during the run: foxglove, or a live output of a package. Repeatable.",
+        ),
     ] = None,
     live_port: Annotated[
         int | None,
@@ -214,16 +218,24 @@ class SimCommand(TyperCommand):
         return super().parse_args(ctx, whole)
 
 
-def live_options(live: str | None, port: int | None, commands: bool) -> dict[str, Any]:
+def live_options(live: list[str] | None, port: int | None, commands: bool) -> dict[str, Any]:
     """Return the profile keys for `--live`, `--live-port` and `--live-commands`.
 
-    Raises UserError for another server.
+    Raises UserError for a name that no package registers.
     """
-    if live not in (None, "foxglove"):
-        raise UserError(f"--live {live} is unknown; use --live foxglove, or --view for the 3D view of xitl")
-    if live is None and not port and not commands:
-        return {}
-    return {"live.foxglove": True, "live.port": port, "live.commands": True if commands else None}
+    from xitl_cli.profile.schema.profile import added_live_outputs
+
+    added = [name for name in live or [] if name != "foxglove"]
+    for name in added:
+        if name not in added_live_outputs():
+            raise UserError(
+                f"--live {name} is unknown; use --live foxglove, or --view for the 3D view of xitl, or install the "
+                "package that has this output"
+            )
+    options: dict[str, Any] = {"live.outputs": f"[{', '.join(added)}]"} if added else {}
+    if "foxglove" in (live or []) or port or commands:
+        options |= {"live.foxglove": True, "live.port": port, "live.commands": True if commands else None}
+    return options
 
 
 def ros_options(ros: str | None, without: bool) -> dict[str, str | None]:

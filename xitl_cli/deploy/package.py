@@ -16,7 +16,7 @@ from xitl_cli.errors import UserError
 BOARD_PYTHON = "3.9"
 SHEBANG = b"#!/usr/bin/env python3\n"
 START = '''\
-"""Entry of xitl-agent.pyz; an older Python reads this file too, and is told."""
+"""Entry of xitl-agent.pyz. An older Python can read this file and prints an error."""
 
 import sys
 
@@ -55,21 +55,30 @@ class Package:
 
 def build() -> Package:
     """Build the archive: the same versions give the same bytes. Raises UserError when a part is not installed."""
+    from packaging.specifiers import SpecifierSet
+
     files: dict[str, bytes] = {"__main__.py": START.encode()}
     files.update(_own_files())
     parts, notes = [f"xitl agent {agent.__version__}"], []
     for name, purpose in {**_NEEDED, **_WHERE_INSTALLED}.items():
-        found = _installed(name, purpose, optional=name in _WHERE_INSTALLED)
-        if found is None:
+        package = _installed(name, purpose, optional=name in _WHERE_INSTALLED)
+        if package is None:
             continue
-        files.update(_files_of(found, name))
-        parts.append(f"{name} {found.version}")
-        if not _runs_on_board(found):
-            wanted = found.metadata["Requires-Python"]
-            notes.append(
-                f"{purpose} may fail on a board whose Python is not {wanted}: {name} {found.version} asks for it"
-            )
-    data = _zipped(files)
+        files.update(_files_of(package, name))
+        parts.append(f"{name} {package.version}")
+        required = package.metadata["Requires-Python"]
+        if not SpecifierSet(required or "").contains(BOARD_PYTHON):
+            notes.append(f"{purpose} need Python {required} on the board, because of {name} {package.version}")
+    archive = io.BytesIO()
+    archive.write(SHEBANG)
+    with zipfile.ZipFile(archive, "a", zipfile.ZIP_DEFLATED, compresslevel=9) as entries:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name, _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3
+            entry.external_attr = _FILE_MODE << 16
+            entries.writestr(entry, files[name], compresslevel=9)
+    data = archive.getvalue()
     return Package(data, hashlib.sha256(data).hexdigest(), tuple(parts), tuple(notes))
 
 
@@ -93,44 +102,25 @@ def _installed(name: str, purpose: str, optional: bool) -> Distribution | None:
         if optional:
             return None
         raise UserError(
-            f"{name}: not installed here, and the agent needs it for {purpose}; install it with: pip install {name}"
+            f"{name} is not installed, and the agent needs it for {purpose}; install it with: pip install {name}"
         ) from None
 
 
-def _files_of(found: Distribution, name: str) -> Iterator[tuple[str, bytes]]:
+def _files_of(package: Distribution, name: str) -> Iterator[tuple[str, bytes]]:
     """Yield the package's pure Python modules, and its licence and description under `licences/`."""
     modules = 0
-    for path in found.files or ():
+    for path in package.files or ():
         parts = path.parts
         if ".." in parts or path.as_posix() in _LEFT_OUT or _LEFT_OUT.intersection(parts):
             continue
         if parts[0].endswith(".dist-info"):
             if path.name == "METADATA" or path.name.upper().startswith(("LICENSE", "COPYING", "NOTICE", "AUTHORS")):
-                yield f"licences/{name}/{path.name}", Path(str(found.locate_file(path))).read_bytes()
+                yield f"licences/{name}/{path.name}", Path(str(package.locate_file(path))).read_bytes()
         elif path.suffix == ".py":
             modules += 1
-            yield path.as_posix(), Path(str(found.locate_file(path))).read_bytes()
+            yield path.as_posix(), Path(str(package.locate_file(path))).read_bytes()
     if not modules and name != "xitl":
         raise UserError(
             f"{name}: its Python files cannot be found in this environment; install it again with: "
             f"pip install --force-reinstall {name}"
         )
-
-
-def _runs_on_board(found: Distribution) -> bool:
-    from packaging.specifiers import SpecifierSet
-
-    return SpecifierSet(found.metadata["Requires-Python"] or "").contains(BOARD_PYTHON)
-
-
-def _zipped(files: dict[str, bytes]) -> bytes:
-    made = io.BytesIO()
-    made.write(SHEBANG)
-    with zipfile.ZipFile(made, "a", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for name in sorted(files):
-            entry = zipfile.ZipInfo(name, _EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3
-            entry.external_attr = _FILE_MODE << 16
-            archive.writestr(entry, files[name], compresslevel=9)
-    return made.getvalue()

@@ -32,7 +32,18 @@ def settings(
 
     Options in `config` that name files mean files on the board; `files` are sent from this machine.
     """
-    merged: dict[str, tuple[str, ...]] = {} if config is None else _read(config)
+    merged: dict[str, tuple[str, ...]] = {}
+    if config is not None:
+        parser = configparser.ConfigParser(interpolation=None, strict=True)
+        try:
+            parser.read_string(_text("--config", config), str(config))
+        except configparser.Error as error:
+            reason = " ".join(str(error).split())
+            raise UserError(f"--config {config}: {reason}; write lines like link = URL") from None
+        if parser.sections() != [SECTION]:
+            sections = parser.sections() or "none"
+            raise UserError(f"--config {config} must have one section, [{SECTION}], and has {sections}")
+        merged = {key: tuple(value.split("\n")) for key, value in parser[SECTION].items()}
     merged.update({key: tuple(values) for key, values in options.items()})
     try:
         checked = checked_options(dict(merged))
@@ -40,17 +51,6 @@ def settings(
         raise UserError(str(error)) from None
     contents = {key: _text(f"--{key}", path) for key, path in files.items()}
     return DeploySettings(service, checked if checked or contents or config is not None else None, contents)
-
-
-def _read(path: Path) -> dict[str, tuple[str, ...]]:
-    parser = configparser.ConfigParser(interpolation=None, strict=True)
-    try:
-        parser.read_string(_text("--config", path), str(path))
-    except configparser.Error as error:
-        raise UserError(f"--config {path}: {' '.join(str(error).split())}; write lines like link = URL") from None
-    if parser.sections() != [SECTION]:
-        raise UserError(f"--config {path}: needs one section, [{SECTION}], and has {parser.sections() or 'none'}")
-    return {key: tuple(value.split("\n")) for key, value in parser[SECTION].items()}
 
 
 def _text(option: str, path: Path) -> str:
@@ -69,13 +69,13 @@ _DESTINATION = re.compile(r"(?:[A-Za-z0-9_][A-Za-z0-9_.-]*@)?[A-Za-z0-9_:][A-Za-
 _SSH_FAILED = 255
 _NOT_FOUND = 127
 _REASONS = {
-    "Host key verification failed": "its host key is unknown here or has changed; check it, then log in once with ssh",
-    "Permission denied": "it did not let this user in; check the user name, and the key (--identity) or the password",
-    "Could not resolve hostname": "there is no such host; check the name, or use the board's address",
-    "Connection refused": "it answers, but no ssh server listens there; start one, or give its --port",
+    "Host key verification failed": "its host key is unknown or has changed; check it, then log in once with ssh",
+    "Permission denied": "it refused the login; check the user name, and the key (--identity) or the password",
+    "Could not resolve hostname": "the host name is unknown; check it, or use the board's address",
+    "Connection refused": "it answers, but without an ssh server; start the server, or set its --port",
     "Connection timed out": "it does not answer; check cable, power and address (ping it)",
     "No route to host": "it does not answer; check cable, power and address (ping it)",
-    "Network is unreachable": "no interface of this machine leads there; check cable and addresses",
+    "Network is unreachable": "this machine has no route to it; check cable and addresses",
 }
 
 
@@ -92,11 +92,11 @@ class Board:
     def __post_init__(self) -> None:
         if not _DESTINATION.fullmatch(self.destination):
             raise UserError(
-                f"{self.destination!r}: no board to log in to; write it as user@host, for instance debian@192.168.7.2"
+                f"{self.destination!r} is no address of a board; write user@host, for instance debian@192.168.7.2"
             )
         for name, path in (("--identity", self.identity), ("--ssh-config", self.config)):
             if path is not None and not path.is_file():
-                raise UserError(f"{name} {path}: no such file; check the path")
+                raise UserError(f"{name} {path} does not exist; check the path")
 
     def command(self) -> list[str]:
         """Return the words of the ssh command, the remote command last."""
@@ -112,32 +112,28 @@ class Board:
         return [*words, "--", self.destination, REMOTE]
 
 
-def run_there(board: Board, package: Package, arguments: list[str], given: bytes) -> dict[str, Any]:
-    """Run the package with `arguments` on the board, with `given` on its standard input; returns its outcome.
+def run_there(board: Board, package: Package, arguments: list[str], stdin: bytes) -> dict[str, Any]:
+    """Run the package with `arguments` on the board, with `stdin` on its standard input; returns its outcome.
 
     Raises UserError with one sentence when there is no outcome, or when the outcome is an error.
     """
     receiver = (Path(agent.__file__).parent / "board" / "receive.py").read_bytes()
     header = {"bytes": len(package.data), "sha256": package.sha256, "arguments": arguments}
-    sent = b"%d\n%s%s\n%s%s" % (len(receiver), receiver, json.dumps(header).encode(), package.data, given)
+    sent = b"%d\n%s%s\n%s%s" % (len(receiver), receiver, json.dumps(header).encode(), package.data, stdin)
     try:
         done = subprocess.run(board.command(), input=sent, capture_output=True, timeout=LONGEST_S, check=False)
     except FileNotFoundError:
-        raise UserError("there is no ssh on this machine; install it, on Debian: apt install openssh-client") from None
+        raise UserError("ssh is not installed on this machine; on Debian: apt install openssh-client") from None
     except subprocess.TimeoutExpired:
         raise UserError(
-            f"{board.destination}: nothing came back within {LONGEST_S:.0f} s; check that the board is not overloaded"
+            f"{board.destination}: no answer within {LONGEST_S:.0f} s; check that the board is not overloaded"
         ) from None
-    said = done.stdout.decode(errors="replace").splitlines()
-    for line in reversed(said):
-        if line.startswith(MARK):
-            return _outcome(board, line.removeprefix(MARK))
-    raise UserError(f"{board.destination}: {_reason(done.returncode, done.stderr.decode(errors='replace'))}")
-
-
-def _outcome(board: Board, text: str) -> dict[str, Any]:
+    lines = done.stdout.decode(errors="replace").splitlines()
+    answer = next((line.removeprefix(MARK) for line in reversed(lines) if line.startswith(MARK)), None)
+    if answer is None:
+        raise UserError(f"{board.destination}: {_reason(done.returncode, done.stderr.decode(errors='replace'))}")
     try:
-        outcome = json.loads(text)
+        outcome = json.loads(answer)
     except ValueError:
         outcome = None
     if not isinstance(outcome, dict):
@@ -155,7 +151,7 @@ def _reason(code: int, stderr: str) -> str:
             return reason
     last = f" ({lines[-1]})" if lines else ""
     if code == _NOT_FOUND:
-        return f"there is no python3 on the board{last}; install it, on Debian: apt install python3"
+        return f"python3 is not installed on the board{last}; on Debian: apt install python3"
     if code == _SSH_FAILED:
-        return f"ssh could not connect{last}; try the same with ssh"
-    return f"the board gave no answer, exit code {code}{last}; check that python3 works there and its disk is not full"
+        return f"ssh could not connect{last}; try to log in with ssh"
+    return f"the board sent no answer, exit code {code}{last}; check its python3, and that its disk is not full"

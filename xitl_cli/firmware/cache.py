@@ -13,7 +13,6 @@ import platform
 import re
 import shutil
 import struct
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -85,17 +84,27 @@ def file_names(vehicle: str, board: str) -> tuple[str, ...]:
 
 def list_cached(vehicle: str | None = None) -> list[CachedFirmware]:
     """Return all cached firmware of one vehicle or of all. Stable versions are first, then the newest numbers."""
-    found = [
-        CachedFirmware(at.parent.parent.name, at.parent.name, at.name, file, read_record(at))
-        for at in sorted(firmware_root().glob(f"{vehicle or '*'}/*/*"))
-        for file in _files(at)
-    ]
-    return sorted(found, key=lambda one: (one.vehicle, *(-part for part in _rank(one.version)), one.board))
+
+    def rank(version: str) -> tuple[int, int, int, int]:
+        """Return a rank, the larger the better: stable, then numbers, then beta and latest."""
+        if _NUMBERED.fullmatch(version):
+            major, minor, patch = (int(part) for part in version.split("."))
+            return (2, major, minor, patch)
+        return (_MOVING.get(version, -1), 0, 0, 0)
+
+    cached = []
+    for folder in sorted(firmware_root().glob(f"{vehicle or '*'}/*/*")):
+        name, version, board = folder.parent.parent.name, folder.parent.name, folder.name
+        for file in file_names(name, board) if name in PROGRAMS else ():
+            if (folder / file).is_file():
+                cached.append(CachedFirmware(name, version, board, folder / file, read_record(folder)))
+    return sorted(cached, key=lambda entry: (entry.vehicle, *(-part for part in rank(entry.version)), entry.board))
 
 
 def find_cached(vehicle: str, version: str, board: str) -> CachedFirmware | None:
     """Return one firmware of the cache, or None."""
-    return next((one for one in list_cached(vehicle) if (one.version, one.board) == (version, board)), None)
+    cached = list_cached(vehicle)
+    return next((entry for entry in cached if (entry.version, entry.board) == (version, board)), None)
 
 
 def find_program(vehicle: str, build: str) -> Path | None:
@@ -103,14 +112,14 @@ def find_program(vehicle: str, build: str) -> Path | None:
 
     Raises UserError for a program that changed since it was downloaded.
     """
-    for one in list_cached(vehicle):
-        if one.is_program and (one.board in SIMULATED) == (build == SITL) and runs_here(one.file):
-            if one.record.sha256 and sha256(one.file) != one.record.sha256:
+    for entry in list_cached(vehicle):
+        if entry.is_program and (entry.board in SIMULATED) == (build == SITL) and runs_here(entry.file):
+            if entry.record.sha256 and sha256(entry.file) != entry.record.sha256:
                 raise UserError(
-                    f"{one.file}: is not the file that was downloaded, its SHA-256 differs from {RECORD}; "
-                    f"run `xitl firmware get {vehicle} --version {one.version} --overwrite`"
+                    f"{entry.file} has changed since its download: its SHA-256 differs from {RECORD}; "
+                    f"run `xitl firmware get {vehicle} --version {entry.version} --overwrite`"
                 )
-            return one.file
+            return entry.file
     return None
 
 
@@ -134,16 +143,16 @@ def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:
         return _checked_program(Path(os.environ[variable]).expanduser(), variable)
     name = PROGRAMS[vehicle] if build == SITL else f"{PROGRAMS[vehicle]}-linux"
     on_path = shutil.which(name)
-    found = Path(on_path) if on_path is not None else find_program(vehicle, build)
-    if found is not None:
-        return found.absolute()
+    program = Path(on_path) if on_path is not None else find_program(vehicle, build)
+    if program is not None:
+        return program.absolute()
     if build == SITL:
         raise UserError(
-            f"autopilot.firmware: there is no {name} on the PATH or in the cache; "
+            f"autopilot.firmware: {name} is neither on the PATH nor in the cache; "
             f"run `xitl firmware get {vehicle}`, or give its path with --firmware or in {ROVER_VARIABLES[build]}"
         )
     raise UserError(
-        f"autopilot.firmware: there is no {name} on the PATH or in the cache; build ArduPilot for the board `linux` "
+        f"autopilot.firmware: {name} is neither on the PATH nor in the cache; build ArduPilot for the board `linux` "
         "(or for this machine's board) and give the path of its program with --firmware"
     )
 
@@ -164,15 +173,15 @@ def find_px4(given: str = FIND) -> tuple[Path, Path]:
     named = variable or shutil.which("px4") if given == FIND else given
     if not named:
         raise UserError(
-            f"autopilot.firmware: there is no px4 on the PATH, and {PX4_VARIABLE} names none; build PX4 with "
+            f"autopilot.firmware: px4 is not on the PATH, and {PX4_VARIABLE} is not set; build PX4 with "
             "`make px4_sitl_default` and give the path of its bin/px4 with --firmware"
         )
     program = _checked_program(Path(named).expanduser(), PX4_VARIABLE if variable else _KEY)
     data = program.resolve().parent.parent / "etc"
     if not (data / "init.d-posix" / "rcS").is_file():
         raise UserError(
-            f"autopilot.firmware: {data / 'init.d-posix' / 'rcS'} is missing, with which {program} starts; give the "
-            "bin/px4 of a PX4 built for simulation, with its etc beside bin"
+            f"autopilot.firmware: {data / 'init.d-posix' / 'rcS'} is missing, the start script of {program}; give the "
+            "bin/px4 of a PX4 built for simulation, with the folder etc next to bin"
         )
     return program, data
 
@@ -216,21 +225,6 @@ def record_text(record: FirmwareRecord) -> str:
     return json.dumps(written, indent=2, ensure_ascii=False) + "\n"
 
 
-def _files(at: Path) -> Iterator[Path]:
-    vehicle = at.parent.parent.name
-    for name in file_names(vehicle, at.name) if vehicle in PROGRAMS else ():
-        if (at / name).is_file():
-            yield at / name
-
-
-def _rank(version: str) -> tuple[int, int, int, int]:
-    """Return a rank, the larger the better: stable, then numbers, then beta and latest."""
-    if _NUMBERED.fullmatch(version):
-        major, minor, patch = (int(part) for part in version.split("."))
-        return (2, major, minor, patch)
-    return (_MOVING.get(version, -1), 0, 0, 0)
-
-
 _KEY = "autopilot.firmware"
 
 
@@ -243,22 +237,18 @@ def _checked_program(path: Path, key: str = _KEY) -> Path:
         raise UserError(f"{key}: {path} is a directory; give the path of the program in it")
     if not path.exists():
         raise UserError(f"{key}: {path} does not exist; check the path, or use `find`")
-    if not path.is_file() or not _looks_like_program(path):
-        raise UserError(f"{key}: {path} is not a program, but another kind of file; give the path of the program")
+    try:
+        with path.open("rb") as opened:
+            is_program = opened.read(4).startswith((b"#!", b"\x7fELF"))
+    except OSError:  # an unreadable file may be a program
+        is_program = True
+    if not path.is_file() or not is_program:
+        raise UserError(f"{key}: {path} is not a program; give the path of the program")
     if not os.access(path, os.X_OK):
         raise UserError(f"{key}: {path} is not executable; run `chmod +x {path}`")
     if not runs_here(path):
         raise UserError(
-            f"{key}: {path} is no program for this machine's processor; "
-            "use one that is, for instance of `xitl firmware get rover`"
+            f"{key}: {path} is a program for another processor; use one for this machine, for instance of "
+            "`xitl firmware get rover`"
         )
     return path.absolute()
-
-
-def _looks_like_program(path: Path) -> bool:
-    """Whether it begins as an ELF program or a script; True for an unreadable file."""
-    try:
-        with path.open("rb") as opened:
-            return opened.read(4).startswith((b"#!", b"\x7fELF"))
-    except OSError:
-        return True

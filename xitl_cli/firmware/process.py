@@ -81,11 +81,11 @@ class FirmwareProcess:
         if code is None or self._stopped:
             return
         how = f"signal {-code} ended it" if code < 0 else f"exit code {code}"
-        said = "; ".join(self.telling_lines())
+        lines = "; ".join(self.telling_lines())
         raise UserError(
             f"{self.program.name} ended by itself ({how})"
-            + (f"; the last it said: {said}" if said else "")
-            + f"; look at {self._console}"
+            + (f"; its last output: {lines}" if lines else "")
+            + f"; see {self._console}"
         )
 
     def wait_for(self, *words: str, timeout_s: float) -> bool:

@@ -39,10 +39,14 @@ def verify(file: Path, image: bool, board: str, git: str, published: str | None)
     """
     data = file.read_bytes()
     checked = [f"{len(data)} bytes"]
-    if published is not None:
-        checked += _published(data, published)
+    digest = _SHA256.search(published or "")
+    if digest is not None:
+        if hashlib.sha256(data).hexdigest() != digest[1].lower():
+            raise DamagedError("its SHA-256 differs from the published one")
+        checked.append("SHA-256 as published")
     checked += _image(data) if image else _program(data, board)
-    if git and _contains(data, git, image):
+    identity = str(json.loads(data).get("git_identity", "")) if image else ""
+    if git and (git[:8].encode() in data if not image else len(identity) >= 7 and git.startswith(identity)):
         checked.append(f"commit {git[:8]}")
     return tuple(checked)
 
@@ -51,19 +55,10 @@ def check_pin(file: Path, pinned: str) -> list[str]:
     """Compare a file with a pinned SHA-256; raises DamagedError for another file. Without a pin, check nothing."""
     if not pinned:
         return []
-    found = sha256(file)
-    if found != pinned.lower():
-        raise DamagedError(f"its SHA-256 is {found}, and {pinned.lower()} is pinned")
+    digest = sha256(file)
+    if digest != pinned.lower():
+        raise DamagedError(f"its SHA-256 is {digest}, and {pinned.lower()} is pinned")
     return ["SHA-256 as pinned"]
-
-
-def _published(data: bytes, published: str) -> list[str]:
-    wanted = _SHA256.search(published)
-    if wanted is None:
-        return []
-    if hashlib.sha256(data).hexdigest() != wanted[1].lower():
-        raise DamagedError("its SHA-256 is not the one that is published beside it")
-    return ["SHA-256 as published"]
 
 
 def _program(data: bytes, board: str) -> list[str]:
@@ -77,9 +72,10 @@ def _program(data: bytes, board: str) -> list[str]:
     if wide and len(data) < 64:
         raise DamagedError("it is cut off (in the ELF header)")
     (sections,) = struct.unpack_from(order + ("Q" if wide else "I"), data, 40 if wide else 32)
-    each, count = struct.unpack_from(order + "HH", data, 58 if wide else 46)
-    if len(data) < sections + each * count:
-        raise DamagedError(f"it is cut off ({len(data)} bytes of at least {sections + each * count})")
+    section_bytes, count = struct.unpack_from(order + "HH", data, 58 if wide else 46)
+    least_bytes = sections + section_bytes * count
+    if len(data) < least_bytes:
+        raise DamagedError(f"it is cut off ({len(data)} bytes of at least {least_bytes})")
     return ["ELF program, complete"]
 
 
@@ -92,7 +88,7 @@ def _image(data: bytes) -> list[str]:
     except (ValueError, TypeError, KeyError, binascii.Error, zlib.error) as error:
         raise DamagedError(f"it is no firmware image ({error})") from None
     if len(image) != size:
-        raise DamagedError(f"its image has {len(image)} bytes where it says {size}")
+        raise DamagedError(f"its image has {len(image)} bytes, not {size} as stated in it")
     for mark, length in _DESCRIPTORS:
         at = image.find(mark) + len(mark)
         if at >= len(mark) and at + length <= len(image):
@@ -108,10 +104,3 @@ def _image(data: bytes) -> list[str]:
 def _crc(data: bytes) -> int:
     """Return the CRC-32 of the bootloader: from 0 and without a final complement."""
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
-
-
-def _contains(data: bytes, git: str, image: bool) -> bool:
-    if not image:
-        return git[:8].encode() in data
-    said = str(json.loads(data).get("git_identity", ""))
-    return len(said) >= 7 and git.startswith(said)

@@ -64,10 +64,11 @@ def perception_sections(
     moving = None
     if truth is not None and len(truth.stamp_ns) >= 3 and odometry is not None and count >= 3:
         reference, other = matched(truth, odometry)
-        errors["rate_hz"] = _rate_hz(odometry)
+        span_s = int(odometry.stamp_ns[-1] - odometry.stamp_ns[0]) * 1e-9
+        errors["rate_hz"] = round((count - 1) / span_s, 3)
         moving = umeyama(other.pos_m, reference.pos_m)
         if moving is not None:
-            errors |= _errors(reference, moving.apply(other))
+            errors |= _aligned_errors(reference, moving.apply(other))
         if len(reference.stamp_ns):
             errors |= _anchored_errors(reference, other)
         laying = laid(reference, other)
@@ -81,8 +82,8 @@ def perception_sections(
 def matched(truth: Trajectory, odometry: Trajectory) -> tuple[Trajectory, Trajectory]:
     """Return the truth at the odometry's instants, and the odometry at instants with a truth."""
     reference = at(truth, odometry.stamp_ns)
-    kept = np.isin(odometry.stamp_ns, reference.stamp_ns)
-    return reference, Trajectory(odometry.stamp_ns[kept], odometry.pos_m[kept], odometry.quat_wxyz[kept])
+    rows = np.isin(odometry.stamp_ns, reference.stamp_ns)
+    return reference, Trajectory(odometry.stamp_ns[rows], odometry.pos_m[rows], odometry.quat_wxyz[rows])
 
 
 def laid(reference: Trajectory, other: Trajectory) -> Similarity | None:
@@ -118,10 +119,10 @@ def uncut_boom_section(points_ned_m: Array, true_ned_m: Array, boom: LogBoom) ->
     """
     around = _around(true_ned_m, boom)
     near = np.abs(boom.distance_m(true_ned_m[around])) <= NEAR_M if len(around) else np.empty(0, dtype=bool)
-    found = error_statistics(np.abs(boom.distance_m(points_ned_m[around[near]])) if near.any() else np.empty(0))
+    errors = error_statistics(np.abs(boom.distance_m(points_ned_m[around[near]])) if near.any() else np.empty(0))
     return {
         "boom_uncut_points": int(np.count_nonzero(near)),
-        "boom_uncut_rms_m": None if found is None else round(found.rms, 4),
+        "boom_uncut_rms_m": None if errors is None else round(errors.rms, 4),
     }
 
 
@@ -141,30 +142,40 @@ def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict
     around = points_ned_m[_around(points_ned_m, boom)]
     off_m = boom.distance_m(around) if len(around) else np.empty(0)
     near = np.abs(off_m) <= NEAR_M
-    found = error_statistics(np.abs(off_m[near]))
-    passed = _passed(track_ned_m, boom)
-    seen = _floats_seen(around[near], boom)
+    errors = error_statistics(np.abs(off_m[near]))
+    # Floats that the vessel passed: near enough to the track and not beyond one of its ends
+    middle = boom.centre_ned_m[:, :2]
+    track = track_ned_m[:: max(len(track_ned_m) // 1000, 1), :2]
+    apart_m = np.linalg.norm(middle[:, None] - track[None], axis=2)
+    nearest = np.argmin(apart_m, axis=1)
+    passed = (nearest > 0) & (nearest < len(track) - 1) & (apart_m.min(axis=1) <= PASSED_M)
+    # Floats with enough points; each point counts for the float with the nearest middle
+    count = np.zeros(len(middle), dtype=np.int64)
+    near_ne_m = around[near][:, :2]
+    for first in range(0, len(near_ne_m), 10_000):
+        off_middle_m = np.linalg.norm(near_ne_m[first : first + 10_000, None] - middle[None], axis=2)
+        count += np.bincount(np.argmin(off_middle_m, axis=1), minlength=len(count))
+    seen = count >= SEEN_POINTS
     return {
         "boom_points": int(np.count_nonzero(near)),
-        "boom_rms_m": None if found is None else round(found.rms, 4),
+        "boom_rms_m": None if errors is None else round(errors.rms, 4),
         "coverage": round(float(np.mean(seen[passed])), 4) if passed.any() else None,
     }
 
 
-def apart(one: Trajectory, other: Trajectory) -> dict[str, Any]:
+def apart(first: Trajectory, second: Trajectory) -> dict[str, Any]:
     """Return the distance between two odometries of the same clouds at the same instants, without alignment."""
     # the wire format has instants in whole microseconds
-    common, here, there = np.intersect1d(one.stamp_ns // 1000, other.stamp_ns // 1000, return_indices=True)
-    off_m = np.linalg.norm(one.pos_m[here] - other.pos_m[there], axis=1)
-    found = error_statistics(off_m)
+    common, rows, others = np.intersect1d(first.stamp_ns // 1000, second.stamp_ns // 1000, return_indices=True)
+    errors = error_statistics(np.linalg.norm(first.pos_m[rows] - second.pos_m[others], axis=1))
     return {
         "poses": len(common),
-        "rms_m": None if found is None else round(found.rms, 4),
-        "max_m": None if found is None else round(found.most, 4),
+        "rms_m": None if errors is None else round(errors.rms, 4),
+        "max_m": None if errors is None else round(errors.most, 4),
     }
 
 
-def _errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
+def _aligned_errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
     absolute = error_statistics(absolute_errors_m(reference, other))
     period_s = float(np.median(np.diff(reference.stamp_ns))) * 1e-9
     pairs = frame_pairs(len(reference.stamp_ns), max(round(RPE_S / period_s), 1))
@@ -193,30 +204,3 @@ def _anchored_errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]
         "anchored_max_m": round(absolute.most, 4),
         "anchored_level_rms_m": round(level.rms, 4),
     }
-
-
-def _rate_hz(odometry: Trajectory) -> float:
-    span_s = int(odometry.stamp_ns[-1] - odometry.stamp_ns[0]) * 1e-9
-    return round((len(odometry.stamp_ns) - 1) / span_s, 3)
-
-
-def _passed(track_ned_m: Array, boom: LogBoom) -> NDArray[np.bool_]:
-    """(K,): whether a float was passed, near enough to the track and not beyond one of its ends."""
-    middle = boom.centre_ned_m[:, :2]
-    step = max(len(track_ned_m) // 1000, 1)
-    track = track_ned_m[::step, :2]
-    apart_m = np.linalg.norm(middle[:, None] - track[None], axis=2)
-    nearest = np.argmin(apart_m, axis=1)
-    within = (nearest > 0) & (nearest < len(track) - 1)
-    chosen: NDArray[np.bool_] = within & (apart_m.min(axis=1) <= PASSED_M)
-    return chosen
-
-
-def _floats_seen(points_ned_m: Array, boom: LogBoom) -> NDArray[np.bool_]:
-    """(K,): whether a float has points. Each point counts for the float with the nearest middle."""
-    count = np.zeros(len(boom.centre_ned_m), dtype=np.int64)
-    for first in range(0, len(points_ned_m), 10_000):
-        part = points_ned_m[first : first + 10_000, :2]
-        apart_m = np.linalg.norm(part[:, None] - boom.centre_ned_m[None, :, :2], axis=2)
-        count += np.bincount(np.argmin(apart_m, axis=1), minlength=len(count))
-    return count >= SEEN_POINTS

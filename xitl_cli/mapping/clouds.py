@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,9 +54,7 @@ def clouds(log: Log) -> Iterator[PointCloud]:
         if (table := cloud_topic(log)) is not None:
             yield from foreign_clouds(log, table)
             return
-        raise UserError(
-            f"{log.path}: has no {LIDAR} and no PointCloud2; record a run with sensors.lidar in its profile"
-        )
+        raise UserError(f"{log.path} has no {LIDAR} and no PointCloud2; record a run with sensors.lidar in its profile")
     for number, (stamp_ns, packed) in enumerate(_packed(log, LIDAR, LIDAR_POINT)):
         yield PointCloud(
             dialect.XITL_CLOUD_KIND_LIDAR,
@@ -91,9 +90,11 @@ def read_autopilot_messages(log: Log) -> Iterator[tuple[int, Message]]:
         assert table is not None
         rows = slice(first, first + _AT_ONCE)
         for stamp_ns, frame in zip(table.stamp_ns[rows].tolist(), table.values("frame", rows), strict=True):
-            message = _decoded(bytes(frame))
-            if message is not None:
-                yield stamp_ns, message
+            data = bytes(frame)
+            if len(data) < HEADER_BYTES + CHECKSUM_BYTES or data[0] != MAGIC:
+                continue  # no MAVLink 2
+            with suppress(KeyError):  # of an unknown message
+                yield stamp_ns, decode(data)
 
 
 def map_points(log: Log) -> dict[MapSource, SeenPoints]:
@@ -144,9 +145,9 @@ def at(trajectory: Trajectory, stamp_ns: NDArray[np.int64]) -> Trajectory:
     start, end = trajectory.stamp_ns[after - 1], trajectory.stamp_ns[after]
     share = ((wanted - start) / (end - start))[:, None]
     position = (1.0 - share) * trajectory.pos_m[after - 1] + share * trajectory.pos_m[after]
-    one, other = trajectory.quat_wxyz[after - 1], trajectory.quat_wxyz[after]
-    near = np.where(np.sum(one * other, axis=1, keepdims=True) < 0.0, -other, other)
-    return Trajectory(wanted, position, frames.quat_normalize((1.0 - share) * one + share * near))
+    before_quat, after_quat = trajectory.quat_wxyz[after - 1], trajectory.quat_wxyz[after]
+    near = np.where(np.sum(before_quat * after_quat, axis=1, keepdims=True) < 0.0, -after_quat, after_quat)
+    return Trajectory(wanted, position, frames.quat_normalize((1.0 - share) * before_quat + share * near))
 
 
 def _increasing(table: Table, pos_m: NDArray[np.float64], quat_wxyz: NDArray[np.float64]) -> Trajectory | None:
@@ -169,7 +170,7 @@ def _packed(log: Log, topic: str, kind: np.dtype[Any]) -> Iterator[tuple[int, ND
             table.stamp_ns[rows].tolist(), strides, table.values("data", rows), strict=True
         ):
             if int(stride) != kind.itemsize or len(data) % kind.itemsize:
-                raise UserError(f"{log.path}: {topic} is not as xitl records it; give a recording of xitl sim")
+                raise UserError(f"{log.path}: {topic} has not the format of xitl; use a recording of xitl sim")
             yield stamp_ns, np.frombuffer(data, dtype=kind)
 
 
@@ -177,16 +178,6 @@ def _frd(packed: NDArray[Any]) -> Points:
     flu = np.column_stack([packed["x"], packed["y"], packed["z"]]).astype(np.float32)
     frd: Points = flu * _FRD
     return frd
-
-
-def _decoded(frame: bytes) -> Message | None:
-    """Return the message, or None for a frame that is not MAVLink 2 or is unknown."""
-    if len(frame) < HEADER_BYTES + CHECKSUM_BYTES or frame[0] != MAGIC:
-        return None
-    try:
-        return decode(frame)
-    except KeyError:
-        return None
 
 
 def _bytes(echo: Any) -> NDArray[np.uint8]:

@@ -28,9 +28,9 @@ Turn = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 def cloud_topic(log: Log) -> Table | None:
     """Return the topic of the lidar: the PointCloud2 topic with the most points. None without any."""
-    found = [table for table in log.tables.values() if set(table.columns) >= CLOUD_COLUMNS and len(table)]
-    sizes = [float(np.median(table.values("width").astype(float) * table.values("height"))) for table in found]
-    return found[int(np.argmax(sizes))] if found else None
+    tables = [table for table in log.tables.values() if set(table.columns) >= CLOUD_COLUMNS and len(table)]
+    sizes = [float(np.median(table.values("width").astype(float) * table.values("height"))) for table in tables]
+    return tables[int(np.argmax(sizes))] if tables else None
 
 
 def foreign_clouds(log: Log, table: Table) -> Iterator[PointCloud]:
@@ -48,7 +48,8 @@ def foreign_clouds(log: Log, table: Table) -> Iterator[PointCloud]:
         data = bytes(table.values("data", row)[0])
         packed = np.frombuffer(data[: len(data) - len(data) % kind.itemsize], dtype=kind)
         points = np.column_stack([packed["x"], packed["y"], packed["z"]]).astype(np.float64)
-        packed, points = packed[kept := np.isfinite(points).all(axis=1)], points[kept]
+        finite = np.isfinite(points).all(axis=1)
+        packed, points = packed[finite], points[finite]
         if not len(points):
             continue
         offset = np.zeros(len(packed), np.float32) if time is None else packed[time].astype(np.float64)
@@ -70,30 +71,26 @@ def mounting(log: Log, frame: str) -> Turn:
 
     It is the vessel's origin if they do not lead to it.
     """
-    above = _static_transforms(log)
-    turn, shift_m = np.eye(3), np.zeros(3)
-    for _ in range(_MOST_LINKS):
-        if frame.rpartition("/")[2] in VESSEL or frame not in above:
-            break
-        frame, (step, moved_m) = above[frame]
-        turn, shift_m = step @ turn, step @ shift_m + moved_m
-    return (turn, shift_m) if frame.rpartition("/")[2] in VESSEL else (np.eye(3), np.zeros(3))
-
-
-def _static_transforms(log: Log) -> dict[str, tuple[str, Turn]]:
-    """Return the parent of each frame and the transform to it."""
-    found: dict[str, tuple[str, Turn]] = {}
+    parent_of: dict[str, tuple[str, Turn]] = {}  # the parent of each frame, and the transform to it
     for name, table in log.tables.items():
         if not name.endswith("/tf_static"):
             continue
-        numbers = range(sum(f"transforms[{number}].child_frame_id" in table.columns for number in range(_MOST_FIELDS)))
-        for one in (f"transforms[{number}]" for number in numbers):
-            children, parents = table.values(f"{one}.child_frame_id"), table.values(f"{one}.header.frame_id")
-            shifts = np.column_stack([table.values(f"{one}.transform.translation.{axis}") for axis in "xyz"])
-            turns = np.column_stack([table.values(f"{one}.transform.rotation.{axis}") for axis in "wxyz"])
-            for child, parent, shift_m, quat in zip(children, parents, shifts, quat_to_matrix(turns), strict=True):
-                found[str(child)] = str(parent), (quat, shift_m)
-    return found
+        count = sum(f"transforms[{number}].child_frame_id" in table.columns for number in range(_MOST_FIELDS))
+        for number in range(count):
+            transform = f"transforms[{number}]"
+            children = table.values(f"{transform}.child_frame_id")
+            parents = table.values(f"{transform}.header.frame_id")
+            shifts = np.column_stack([table.values(f"{transform}.transform.translation.{axis}") for axis in "xyz"])
+            quats = np.column_stack([table.values(f"{transform}.transform.rotation.{axis}") for axis in "wxyz"])
+            for child, parent, moved_m, step in zip(children, parents, shifts, quat_to_matrix(quats), strict=True):
+                parent_of[str(child)] = str(parent), (step, moved_m)
+    turn, shift_m = np.eye(3), np.zeros(3)
+    for _ in range(_MOST_LINKS):
+        if frame.rpartition("/")[2] in VESSEL or frame not in parent_of:
+            break
+        frame, (step, moved_m) = parent_of[frame]
+        turn, shift_m = step @ turn, step @ shift_m + moved_m
+    return (turn, shift_m) if frame.rpartition("/")[2] in VESSEL else (np.eye(3), np.zeros(3))
 
 
 def _point_type(log: Log, table: Table) -> np.dtype[np.void]:
@@ -115,4 +112,4 @@ def _point_type(log: Log, table: Table) -> np.dtype[np.void]:
     try:
         return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
     except ValueError as error:
-        raise UserError(f"{log.path}: points of {table.name} are described wrongly ({error})") from error
+        raise UserError(f"{log.path}: the description of points in {table.name} is invalid ({error})") from error

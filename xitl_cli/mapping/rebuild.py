@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.companion.autopilot_state import AutopilotState
-from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
+from agent.companion.clouds import CloudReassembler, cloud_messages
 from agent.companion.mapping import LIDAR, SONAR, CloudMap
 from agent.companion.odometry import LidarOdometry, OdometryError, RegisteredCloud
 from agent.companion.odometry_filters import AutopilotMotionSource
 from agent.companion.perception import PATIENCE_NS
 from agent.companion.pose_history import AHEAD_NS
 from agent.companion.settings import CompanionParameters, checked_parameter
-from agent.companion.sonar import SonarPing, echo_points
+from agent.companion.sonar import echo_points
 from agent.wire.codec import Message
 from sim_core import frames
 from xitl_cli.errors import UserError
@@ -58,7 +58,29 @@ def points_of(
 
 def map_bytes(packed: NDArray[Any], kind: MapFormat) -> bytes:
     """Return the whole binary file."""
-    header = _ply_header(packed) if kind == "ply" else _pcd_header(packed)
+    fields = packed.dtype.fields
+    assert fields is not None
+    kinds = [(name, field[0]) for name, field in fields.items()]
+    if kind == "ply":
+        properties = "".join(f"property {_PLY_TYPES[dtype.kind]} {name}\n" for name, dtype in kinds)
+        header = (
+            "ply\nformat binary_little_endian 1.0\ncomment metres; x forward, y left, z up where the odometry began\n"
+            f"element vertex {len(packed)}\n{properties}end_header\n"
+        )
+    else:
+        rows = {
+            "VERSION": "0.7",
+            "FIELDS": " ".join(name for name, _ in kinds),
+            "SIZE": " ".join(str(dtype.itemsize) for _, dtype in kinds),
+            "TYPE": " ".join(dtype.kind.upper() for _, dtype in kinds),
+            "COUNT": " ".join("1" for _ in kinds),
+            "WIDTH": str(len(packed)),
+            "HEIGHT": "1",
+            "VIEWPOINT": "0 0 0 1 0 0 0",
+            "POINTS": str(len(packed)),
+            "DATA": "binary",
+        }
+        header = "".join(f"{name} {value}\n" for name, value in rows.items())
     return header.encode("ascii") + packed.tobytes()
 
 
@@ -80,37 +102,6 @@ def write_text(path: Path, text: str) -> None:
 def _write(path: Path, data: bytes) -> None:
     with part_of(path, overwrite=True) as part:
         part.write_bytes(data)
-
-
-def _kinds(packed: NDArray[Any]) -> list[tuple[str, np.dtype[Any]]]:
-    fields = packed.dtype.fields
-    assert fields is not None
-    return [(name, kind[0]) for name, kind in fields.items()]
-
-
-def _ply_header(packed: NDArray[Any]) -> str:
-    properties = "".join(f"property {_PLY_TYPES[kind.kind]} {name}\n" for name, kind in _kinds(packed))
-    return (
-        "ply\nformat binary_little_endian 1.0\ncomment metres; x forward, y left, z up where the odometry began\n"
-        f"element vertex {len(packed)}\n{properties}end_header\n"
-    )
-
-
-def _pcd_header(packed: NDArray[Any]) -> str:
-    kinds = _kinds(packed)
-    rows = {
-        "VERSION": "0.7",
-        "FIELDS": " ".join(name for name, _ in kinds),
-        "SIZE": " ".join(str(kind.itemsize) for _, kind in kinds),
-        "TYPE": " ".join(kind.kind.upper() for _, kind in kinds),
-        "COUNT": " ".join("1" for _ in kinds),
-        "WIDTH": str(len(packed)),
-        "HEIGHT": "1",
-        "VIEWPOINT": "0 0 0 1 0 0 0",
-        "POINTS": str(len(packed)),
-        "DATA": "binary",
-    }
-    return "".join(f"{name} {value}\n" for name, value in rows.items())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,38 +129,46 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
     Clouds are first encoded as on the wire, so that the odometry gets the same input as in the run. It also gets the
     autopilot's motion messages. Raises UserError without clouds and without KISS-ICP.
     """
-    settings = _settings(profile)
+    defaults = CompanionParameters()
+    settings = {name: defaults[name] for name in defaults}
+    if profile is not None and profile.companion is not None:
+        parameters = profile.companion.parameters
+        settings |= {name: checked_parameter(name, value) for name, value in parameters.items()}
     autopilot = _Autopilot(read_autopilot_messages(log) if settings["ODO_AIDED"] else iter(()), profile)
     try:
         odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=autopilot.motions.motion_between)
     except OdometryError as error:
         raise UserError(f"{log.path}: {error}") from error
     cloud_map = CloudMap(settings["MAP_CELL"], settings["MAP_RANGE"])
-    wire, placed, count = CloudReassembler(), list[RegisteredCloud](), 0
+    wire, registered, count = CloudReassembler(), list[RegisteredCloud](), 0
     seen = list[NDArray[np.int64]]()
     echoes = pings(log)
-    heard = 0
+    used = 0
     for cloud in clouds(log):
         count += 1
         autopilot.hear(cloud.end_ns)
-        for sent in _over_the_wire(wire, cloud):
-            found = odometry.register(sent.stamp_ns, sent.points_m, sent.offset_s)
-            if found is not None:
-                placed.append(found)
-                added = cloud_map.add(found.pose_odom, found.points_frd_m, sent.intensity[found.kept], LIDAR)
-                seen.append(np.full(len(added.intensity), sent.stamp_ns))
-        while heard < len(echoes) and echoes[heard].stamp_ns <= cloud.end_ns:
-            _hear(cloud_map, odometry, echoes[heard])
-            heard += 1
+        for message in cloud_messages(cloud):  # as on the wire
+            for received in wire.handle(message):
+                result = odometry.register(received.stamp_ns, received.points_m, received.offset_s)
+                if result is not None:
+                    registered.append(result)
+                    intensity = received.intensity[result.kept]
+                    added = cloud_map.add(result.pose_odom, result.points_frd_m, intensity, LIDAR)
+                    seen.append(np.full(len(added.intensity), received.stamp_ns))
+        while used < len(echoes) and echoes[used].stamp_ns <= cloud.end_ns:
+            pose = odometry.pose_at(echoes[used].stamp_ns)
+            if pose is not None:
+                cloud_map.add(pose, *echo_points(echoes[used]), SONAR)
+            used += 1
     parts = [cloud_map.points_by(source) for source in (LIDAR, SONAR)]
     return Rebuilt(
-        trajectory_of(placed),
+        trajectory_of(registered),
         np.concatenate([part.points_odom_m for part in parts]),
         np.concatenate([part.intensity for part in parts]),
         np.repeat(np.array([LIDAR, SONAR], dtype=np.uint8), [len(part.intensity) for part in parts]),
         np.concatenate([np.empty(0, np.int64), *seen]),
         count,
-        heard,
+        used,
         odometry.poses_refused,
         odometry.points_refused,
     )
@@ -182,11 +181,11 @@ class _Autopilot:
     message arrives.
     """
 
-    def __init__(self, said: Iterator[tuple[int, Message]], profile: RunProfile | None) -> None:
+    def __init__(self, messages: Iterator[tuple[int, Message]], profile: RunProfile | None) -> None:
         self._view = AutopilotState()
         self.motions = AutopilotMotionSource(self._view.history, lambda stamp_ns: stamp_ns)
-        self._told = said
-        self._next = next(said, None)
+        self._messages = messages
+        self._next = next(messages, None)
         self._begun = False
         lockstep = profile is not None and profile.clock.mode == "lockstep"
         self._behind_ns = round(1e9 / profile.clock.exchange_rate_hz) if profile is not None and lockstep else 0
@@ -202,41 +201,22 @@ class _Autopilot:
             if self._begun or stamp_ns > end_ns:
                 self._begun = True
                 self._view.handle(message, stamp_ns - self._behind_ns)
-            self._next = next(self._told, None)
+            self._next = next(self._messages, None)
 
 
 def trajectory_of(placed: list[RegisteredCloud]) -> Trajectory:
     """Return the poses by their instants."""
     if not placed:
         return Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
-    poses = np.array([one.pose_odom for one in placed])
-    stamps = np.array([one.stamp_ns for one in placed], dtype=np.int64)
+    poses = np.array([cloud.pose_odom for cloud in placed])
+    stamps = np.array([cloud.stamp_ns for cloud in placed], dtype=np.int64)
     return Trajectory(stamps, poses[:, :3, 3], frames.matrix_to_quat(poses[:, :3, :3]))
 
 
 def profile_of(log: Log) -> RunProfile | None:
     """Return the profile in the recording, or None when this version cannot read it."""
-    return next((one for one in recorded_profiles(log.attachment(PROFILE)) if one.vessel == log.vessel), None)
-
-
-def _settings(profile: RunProfile | None) -> dict[str, float]:
-    defaults = CompanionParameters()
-    values = {name: defaults[name] for name in defaults}
-    companion = None if profile is None else profile.companion
-    if companion is not None:
-        values |= {name: checked_parameter(name, value) for name, value in companion.parameters.items()}
-    return values
-
-
-def _over_the_wire(wire: CloudReassembler, cloud: PointCloud) -> list[PointCloud]:
-    return [whole for message in cloud_messages(cloud) for whole in wire.handle(message)]
-
-
-def _hear(cloud_map: CloudMap, odometry: LidarOdometry, ping: SonarPing) -> None:
-    pose = odometry.pose_at(ping.stamp_ns)
-    if pose is not None:
-        points_frd_m, intensity = echo_points(ping)
-        cloud_map.add(pose, points_frd_m, intensity, SONAR)
+    profiles = recorded_profiles(log.attachment(PROFILE))
+    return next((profile for profile in profiles if profile.vessel == log.vessel), None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,7 +239,7 @@ def measure(log: Log) -> Measured:
     profile = profile_of(log)
     boom = None if profile is None else Scenery(profile).boom
     rebuilt = rebuild(log, profile)
-    true, said = truth(log), online(log)
+    true, in_run = truth(log), online(log)
     by_lidar = SeenPoints(rebuilt.points_odom_m[rebuilt.source == LIDAR], rebuilt.seen_ns)
     offline = perception_sections(true, rebuilt.trajectory, by_lidar, boom)
     report: dict[str, Any] = {
@@ -272,37 +252,34 @@ def measure(log: Log) -> Measured:
         "online": None,
         "difference": None,
     }
-    if said is not None:
+    if in_run is not None:
         points = map_points(log)
-        then = perception_sections(true, said, points["lidar"], boom)
-        report["online"] = {"odometry": then.odometry, "mapping": then.mapping}
+        accuracy = perception_sections(true, in_run, points["lidar"], boom)
+        report["online"] = {"odometry": accuracy.odometry, "mapping": accuracy.mapping}
+        # Root mean square distance from the points of the rebuilt map to the nearest points of the run's map
         whole = np.concatenate([part.points_odom_m for part in points.values()])
-        report["difference"] = {**apart(rebuilt.trajectory, said), **_maps_apart(rebuilt.points_odom_m, whole)}
-    return Measured(report, rebuilt, true, said)
+        map_rms_m = None
+        if len(rebuilt.points_odom_m) and len(whole):
+            from scipy.spatial import KDTree  # type: ignore[import-untyped]
+
+            off_m, _ = KDTree(whole).query(rebuilt.points_odom_m)
+            map_rms_m = round(float(np.sqrt(np.mean(off_m**2))), 4)
+        report["difference"] = {**apart(rebuilt.trajectory, in_run), "map_rms_m": map_rms_m}
+    return Measured(report, rebuilt, true, in_run)
 
 
-def written(found: Measured, directory: Path, kind: MapFormat) -> list[Path]:
+def written(measured: Measured, directory: Path, kind: MapFormat) -> list[Path]:
     """Write the files and return them; earlier ones are replaced. Raises UserError when they cannot be written."""
     make_directory(directory)
-    rebuilt = found.rebuilt
+    rebuilt = measured.rebuilt
     packed = points_of(rebuilt.points_odom_m, rebuilt.intensity, rebuilt.source)
     files = [directory / f"map.{kind}"]
     write_map(files[0], packed, kind)
-    trajectories = {"trajectory": rebuilt.trajectory, "truth": found.truth, "online": found.online}
+    trajectories = {"trajectory": rebuilt.trajectory, "truth": measured.truth, "online": measured.online}
     for name, trajectory in trajectories.items():
         if trajectory is not None:
             files.append(directory / f"{name}.tum")
             write_tum(files[-1], trajectory)
     files.append(directory / "map.json")
-    write_text(files[-1], json.dumps(found.report, indent=2, allow_nan=False) + "\n")
+    write_text(files[-1], json.dumps(measured.report, indent=2, allow_nan=False) + "\n")
     return files
-
-
-def _maps_apart(one: NDArray[np.float32], other: NDArray[np.float32]) -> dict[str, Any]:
-    """Return the root mean square distance from the points of one map to the nearest points of the other."""
-    if not len(one) or not len(other):
-        return {"map_rms_m": None}
-    from scipy.spatial import KDTree  # type: ignore[import-untyped]
-
-    off_m, _ = KDTree(other).query(one)
-    return {"map_rms_m": round(float(np.sqrt(np.mean(off_m**2))), 4)}

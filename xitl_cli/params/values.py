@@ -81,18 +81,20 @@ def read_wanted(source: str) -> Mapping[str, float]:
     try:
         return read_file(source).values
     except UserError:
-        if not _is_profile(source):
-            raise
-    from xitl_cli.profile import load_profile
+        from xitl_cli.profile import load_profile
+        from xitl_cli.profile.files.catalogue import SUFFIXES as PROFILE_SUFFIXES
+        from xitl_cli.profile.files.catalogue import is_shipped
 
+        if not source.endswith(PROFILE_SUFFIXES) and not is_shipped(source):
+            raise
     profile = load_profile(source)
     autopilot = profile.autopilot
     if profile.vessels is not None:
-        autopilots = [one.autopilot for one in profile.sailed.values()]
-        alike = {(one.parameter_files, tuple(one.parameters.items())) for one in autopilots if one is not None}
-        if len(alike) > 1:
-            raise UserError(f"{source}: its vessels ask for different parameters; give the file of one of them")
-        autopilot = next((one for one in autopilots if one is not None), None)
+        autopilots = [vessel.autopilot for vessel in profile.sailed.values() if vessel.autopilot is not None]
+        different = {(pilot.parameter_files, tuple(pilot.parameters.items())) for pilot in autopilots}
+        if len(different) > 1:
+            raise UserError(f"{source}: its vessels have different parameters; give the file of one of them")
+        autopilot = next(iter(autopilots), None)
     values: dict[str, float] = {}
     if autopilot is not None:
         for file in autopilot.parameter_files:
@@ -101,13 +103,6 @@ def read_wanted(source: str) -> Mapping[str, float]:
     if not values:
         raise UserError(f"{source}: its autopilot has no parameters; give a profile with autopilot.parameter_files")
     return values
-
-
-def _is_profile(source: str) -> bool:
-    from xitl_cli.profile.files.catalogue import SUFFIXES as PROFILE_SUFFIXES
-    from xitl_cli.profile.files.catalogue import is_shipped
-
-    return source.endswith(PROFILE_SUFFIXES) or is_shipped(source)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,15 +116,15 @@ class ParameterDifference:
 
 def differences(one: ParameterSet, other: ParameterSet) -> list[ParameterDifference]:
     """Return the differences by name. A name on one side only counts if the other side is complete."""
-    found: list[ParameterDifference] = []
+    rows: list[ParameterDifference] = []
     for name in sorted({*one.values, *other.values}):
         a, b = one.values.get(name), other.values.get(name)
         if a is not None and b is not None:
             if not same_value(a, b):
-                found.append(ParameterDifference(name, a, b))
+                rows.append(ParameterDifference(name, a, b))
         elif (other if b is None else one).complete:
-            found.append(ParameterDifference(name, a, b))
-    return found
+            rows.append(ParameterDifference(name, a, b))
+    return rows
 
 
 def format_value(value: float) -> str:
@@ -141,11 +136,12 @@ def format_value(value: float) -> str:
     return f"{value:.9g}"
 
 
-def file_text(found: ParameterSet, name: str) -> str:
+def file_text(parameters: ParameterSet, name: str) -> str:
     """Return the content for a file of this name: QGroundControl's columns in .params, NAME value in any other."""
+    values, source = parameters.values, parameters.source
     if name.endswith(STATION_SUFFIX):
-        return station_file_text(found.values, found.types, found.target, found.source, format_value)
-    return parm_text(found.values, found.source)
+        return station_file_text(values, parameters.types, parameters.target, source, format_value)
+    return parm_text(values, source)
 
 
 def parm_text(values: Mapping[str, float], source: str, now: datetime | None = None) -> str:

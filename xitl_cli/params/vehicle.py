@@ -95,31 +95,23 @@ class VehicleConnection:
         deadline_s = time.monotonic() + timeout_s
         while self._target is None:
             if time.monotonic() > deadline_s:
-                raise self._nobody(timeout_s)
+                raise self._no_heartbeat(timeout_s)
             for message in self._receive(0.1):
-                if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and _is_vehicle(message):
-                    self._adopt(message)
-
-    def _check_alone(self) -> None:
-        if self._wanted is None and len(self._heard) > 1:
-            raise UserError(f"{self._url}: systems {self._all_heard} are heard there; add ?system= and one of them")
+                if message.get_msgId() != dialect.MAVLINK_MSG_ID_HEARTBEAT or self._target is not None:
+                    continue
+                is_vehicle = message.autopilot != dialect.MAV_AUTOPILOT_INVALID and message.type != dialect.MAV_TYPE_GCS
+                if is_vehicle and self._wanted in (None, message.get_srcSystem()):
+                    self._target = (message.get_srcSystem(), message.get_srcComponent())
+                    self._adopted_s = time.monotonic()
+                    self.kind = int(message.type)
+                    self.px4 = message.autopilot == dialect.MAV_AUTOPILOT_PX4
+                    self._parameters = ParameterClient(self._target, self.px4, True, TRIES, ANSWER_S)
+                    self._commands = CommandClient(self._target, TRIES, ANSWER_S)
 
     def _settle(self) -> None:
         """Wait before a change until any other vehicle would have sent a heartbeat."""
         while self._wanted is None and (left_s := self._adopted_s + OTHERS_S - time.monotonic()) > 0.0:
             self._receive(left_s)
-
-    def _adopt(self, heartbeat: Any) -> None:
-        """Use the first vehicle, or the first with the wanted system id."""
-        system_id = heartbeat.get_srcSystem()
-        if self._target is not None or self._wanted not in (None, system_id):
-            return
-        self._target = (system_id, heartbeat.get_srcComponent())
-        self._adopted_s = time.monotonic()
-        self.kind = int(heartbeat.type)
-        self.px4 = heartbeat.autopilot == dialect.MAV_AUTOPILOT_PX4
-        self._parameters = ParameterClient(self._target, self.px4, True, TRIES, ANSWER_S)
-        self._commands = CommandClient(self._target, TRIES, ANSWER_S)
 
     @property
     def _all_heard(self) -> str:
@@ -145,15 +137,16 @@ class VehicleConnection:
 
     def read_all(self) -> dict[str, float]:
         """Return every parameter by name, in the vehicle's order."""
-        found = self._parameters.read_all()
-        self._complete(found)
-        if found.count is None:
-            raise UserError(f"{self._url}: the vehicle sends no parameters; check that it takes MAVLink 2 commands")
-        if not found.complete:
+        request = self._parameters.read_all()
+        self._complete(request)
+        if request.count is None:
+            raise UserError(f"{self._url}: the vehicle sends no parameters; check that it accepts MAVLink 2 commands")
+        if not request.complete:
             raise UserError(
-                f"{self._url}: only {len(found.values)} of {found.count} parameters came; the link loses too much"
+                f"{self._url}: only {len(request.values)} of {request.count} parameters arrived; the link loses too "
+                "many frames"
             )
-        return found.values
+        return request.values
 
     def read(self, name: str) -> float | None:
         """Return one parameter, or None when the vehicle does not answer."""
@@ -215,7 +208,10 @@ class VehicleConnection:
         for message in messages:
             if message.get_srcComponent() == AUTOPILOT_COMPONENT_ID and message.get_srcSystem() not in self._heard:
                 self._heard.add(message.get_srcSystem())
-                self._check_alone()
+                if self._wanted is None and len(self._heard) > 1:
+                    raise UserError(
+                        f"{self._url}: systems {self._all_heard} send there; select one of them with ?system="
+                    )
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._is_ours(message):
                 text = self._text.handle(message)
                 self._texts.extend([] if text is None else [text])
@@ -224,14 +220,14 @@ class VehicleConnection:
     def _is_ours(self, message: Any) -> bool:
         return self._target is None or (message.get_srcSystem(), message.get_srcComponent()) == self._target
 
-    def _nobody(self, waited_s: float) -> UserError:
+    def _no_heartbeat(self, waited_s: float) -> UserError:
         if self._wanted is not None and self._heard:
-            return UserError(f"{self._url}: no system {self._wanted} was heard there, but {self._all_heard}; use that")
+            return UserError(f"{self._url}: system {self._wanted} sends nothing, but {self._all_heard} does; use that")
         if self._link.refused_signature:
-            return UserError(f"{self._url}: what is heard there is not signed with this key; check --signing-key")
+            return UserError(f"{self._url}: the messages there are not signed with this key; check --signing-key")
         return UserError(
-            f"{self._url}: no vehicle was heard for {waited_s:.0f} s; check that it runs and "
-            "that its ground-station address leads here (docs/ground-stations.md)"
+            f"{self._url}: no vehicle sent a heartbeat for {waited_s:.0f} s; check that it runs and "
+            "that it sends to this address (docs/ground-stations.md)"
         )
 
 
@@ -260,7 +256,7 @@ def _system_of(url: str) -> tuple[str, int | None]:
     if not given:
         return url, None
     if len(given) > 1 or not given[0].isdigit() or not 1 <= int(given[0]) <= HIGHEST_SYSTEM_ID:
-        raise UserError(f"{url}: that is no system of a vehicle; write it like ?system=3 (1 to {HIGHEST_SYSTEM_ID})")
+        raise UserError(f"{url}: invalid system of a vehicle; write it like ?system=3 (1 to {HIGHEST_SYSTEM_ID})")
     rest = "&".join(word for word in words if not word.startswith("system="))
     return f"{place}?{rest}" if rest else place, int(given[0])
 
@@ -274,10 +270,6 @@ def _direction(url: str) -> tuple[str, bool]:
         return url, place.rpartition(":")[0] in LOCAL_HOSTS
     if scheme not in ("tcp", "serial"):
         raise UserError(
-            f"{url}: is no address of a vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0"
+            f"{url} is no address of a vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0"
         )
     return url, False
-
-
-def _is_vehicle(heartbeat: Any) -> bool:
-    return bool(heartbeat.autopilot != dialect.MAV_AUTOPILOT_INVALID and heartbeat.type != dialect.MAV_TYPE_GCS)

@@ -137,7 +137,7 @@ def _fields(declaration: type) -> list[TopicField]:
     fields = []
     for name, hint in get_type_hints(declaration, include_extras=True).items():
         alternatives = get_args(hint) if not hasattr(hint, "__metadata__") else (hint,)
-        annotated = next((each for each in alternatives if hasattr(each, "__metadata__")), None)
+        annotated = next((kind for kind in alternatives if hasattr(kind, "__metadata__")), None)
         if annotated is not None:
             fields.append(TopicField(name, *annotated.__metadata__))
     return fields

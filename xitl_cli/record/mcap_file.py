@@ -84,7 +84,7 @@ class McapFile:
             self._file = path.open("xb")
         except OSError as error:
             raise UserError(
-                f"{path}: cannot be made ({error.strerror}); choose another directory with --out"
+                f"{path} cannot be created ({error.strerror}); choose another directory with --out"
             ) from error
         self._writer = ChunkWriter(self._file, compression)
         self._whole_bytes = self._file.tell()
@@ -187,10 +187,6 @@ class McapFile:
             self._file.flush()
             self._whole_bytes = self._file.tell()
         except OSError as error:
-            self._refused(error)
-
-    def _refused(self, error: OSError) -> None:
-        if not self._refused_once:
             self._refused_once = True
             raise RecordingError(
                 f"{self.path}: the recording cannot be written ({error.strerror}); free space and run again"

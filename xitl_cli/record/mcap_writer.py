@@ -154,10 +154,21 @@ class ChunkWriter:
         """Write the end of the data and the summary section with the indexes."""
         self._stream.write(_packed(DataEnd(0)))
         start = self._stream.tell()
+        statistics = Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunks),
+            message_count=self._counts.total(),
+            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
+            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
         groups: list[tuple[Opcode, Iterable[Any]]] = [
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [self._statistics()]),
+            (Opcode.STATISTICS, [statistics]),
             (Opcode.CHUNK_INDEX, self._chunks),
             (Opcode.ATTACHMENT_INDEX, self._attachments),
             (Opcode.METADATA_INDEX, self._metadata),
@@ -174,19 +185,6 @@ class ChunkWriter:
         footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=0)
         footer.summary_crc = zlib.crc32(summary + _packed(footer)[:-4])
         self._stream.write(summary + _packed(footer) + MCAP0_MAGIC)
-
-    def _statistics(self) -> Statistics:
-        return Statistics(
-            attachment_count=len(self._attachments),
-            channel_count=len(self._channels),
-            channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
-            message_count=self._counts.total(),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
-            metadata_count=len(self._metadata),
-            schema_count=len(self._schemas),
-        )
 
 
 def _packed(record: Any) -> bytes:

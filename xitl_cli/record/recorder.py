@@ -486,7 +486,7 @@ class PerceptionRecorder:
 
         Each body has a separate frame, `body_frame`, in which it is drawn.
         """
-        numbers = (np.asarray(each).tolist() for each in (lengths_m, pos_ned_m, quat_ned_frd, vel_ned_mps))
+        numbers = (np.asarray(values).tolist() for values in (lengths_m, pos_ned_m, quat_ned_frd, vel_ned_mps))
         rows = zip(kinds, *numbers, strict=True)
         for number, (kind, length_m, place, quat, velocity) in enumerate(rows):
             self._topics.write("/truth/bodies", stamp_ns, kind, number, length_m, place, quat, velocity)
@@ -495,11 +495,11 @@ class PerceptionRecorder:
             self._topics.transform(stamp_ns, body_frame(number), position, attitude)
 
     def contact(
-        self, stamp_ns: int, what: str, pos_ned_m: Array, force_n: float, speed_mps: float, began: bool
+        self, stamp_ns: int, body: str, pos_ned_m: Array, force_n: float, speed_mps: float, began: bool
     ) -> None:
-        """Write a contact of the hull with `what` at a place (3,). `began`: the contact is new."""
+        """Write a contact of the hull with `body` at a place (3,). `began`: the contact is new."""
         place = np.asarray(pos_ned_m, dtype=np.float64).tolist()
-        self._topics.write("/contacts", stamp_ns, what, place, float(force_n), float(speed_mps), bool(began))
+        self._topics.write("/contacts", stamp_ns, body, place, float(force_n), float(speed_mps), bool(began))
 
 
 def timestamp(stamp_ns: int) -> messages.Timestamp:

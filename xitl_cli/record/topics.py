@@ -265,13 +265,11 @@ class LinkReport:
         names = [column.name for column in message_type(report).fields if not column.name.startswith("latency_")]
         dropped, unsent = names.index("dropped"), names.index("unsent")
         names[dropped], names[unsent] = "unsent", "dropped"  # the order of format 1 of summary.json
-        latency_us = {key: _us(getattr(self, f"latency_{key}_s")) for key in ("p50", "p99", "max")}
+        latency_us: dict[str, float | None] = {}
+        for key in ("p50", "p99", "max"):  # from whole nanoseconds
+            latency_s = getattr(self, f"latency_{key}_s")
+            latency_us[key] = None if latency_s is None else round(latency_s * 1e9) / 1e3
         return {name: getattr(self, name) for name in names} | {"host_end": self.host_end, "latency_us": latency_us}
-
-
-def _us(duration_s: float | None) -> float | None:
-    """Return whole nanoseconds, given in seconds, in µs."""
-    return None if duration_s is None else round(duration_s * 1e9) / 1e3
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,17 +66,17 @@ def _schedule_from_thrusts(log: ThrustLog, replay: ReplaySpec, vessel: VesselSpe
     """Return the commands from `start_s`, or the first command that is not neutral, on."""
     moving = np.flatnonzero(log.commands.any(axis=1))
     if not len(moving):
-        raise UserError(f"{log.source}: no thruster is ever asked for anything; give a bag of a vessel under way")
+        raise UserError(f"{log.source}: all thruster commands are zero; use a bag of a vessel under way")
     if vessel is None and log.commands.shape[1] != len(USUAL_OUTPUTS):
         raise UserError(
-            f"{log.source}: an autopilot is given the sticks of two propellers side by side; leave it out "
-            "(autopilot.kind: none) to replay thrusters of another vessel"
+            f"{log.source}: an autopilot can replay only two propellers side by side; use autopilot.kind: none to "
+            "replay the thrusters of another vessel"
         )
     start_s = float(log.at_s[moving[0]]) if replay.start_s is None else replay.start_s
     end_s = float(log.at_s[-1]) if replay.end_s is None else min(replay.end_s, float(log.at_s[-1]))
     if start_s >= end_s:
         raise UserError(
-            f"{log.source}: ends at {end_s:g} s, not after the start of the replay at {start_s:g} s; "
+            f"{log.source} ends at {end_s:g} s, not after the start of the replay at {start_s:g} s; "
             "set driver.replay.start_s and end_s within it"
         )
     first = max(int(np.searchsorted(log.at_s, start_s, side="right")) - 1, 0)
@@ -102,7 +102,7 @@ def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec |
     commands = [tuple(_command(pulse, replay) for pulse in row) for row in rows[first:last]]
     return MotorSchedule(
         at_ns=tuple(max(round((at_s - start_s) * 1e9), 0) for at_s in log.at_s[first:last]),
-        motors=tuple(_by_sticks(vessel, *command) if mixed else command for command in commands),
+        motors=tuple(_mix(vessel, *command) if mixed else command for command in commands),
         end_ns=round((end_s - start_s) * 1e9),
     )
 
@@ -114,7 +114,7 @@ def replayed_span_s(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None
     end_s = log.at_s[-1] if replay.end_s is None else min(replay.end_s, log.at_s[-1])
     if start_s >= end_s:
         raise UserError(
-            f"{log.source}: ends at {end_s:g} s, not after the start of the replay at {start_s:g} s; "
+            f"{log.source} ends at {end_s:g} s, not after the start of the replay at {start_s:g} s; "
             f"the recording goes from {log.at_s[0]:g} to {log.at_s[-1]:g} s, "
             "set driver.replay.start_s and end_s within it"
         )
@@ -126,16 +126,11 @@ def _rows(log: PulseLog, outputs: tuple[int, ...]) -> list[tuple[float, ...]]:
     missing = [channel for channel in outputs if channel not in log.pulses_us]
     if missing:
         raise UserError(
-            f"{log.source}: has no output C{missing[0]}; it has {_named(sorted(log.pulses_us))}, "
-            "name those of the motors in driver.replay.outputs"
+            f"{log.source} has no output C{missing[0]}, only "
+            f"{', '.join(f'C{channel}' for channel in sorted(log.pulses_us))}; select those of the motors in "
+            "driver.replay.outputs"
         )
     return list(zip(*(log.pulses_us[channel] for channel in outputs), strict=True))
-
-
-def _by_sticks(vessel: VesselSpec | None, steering: float, throttle: float) -> Motors:
-    if vessel is not None and (steered := vessel.own_commands - len(vessel.propellers)):
-        return (throttle, *[steering] * steered)
-    return _mix(steering, throttle)
 
 
 def _outputs(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None) -> tuple[tuple[int, ...], bool]:
@@ -166,8 +161,8 @@ def _first_armed_s(log: PulseLog, rows: Sequence[tuple[float, ...]], trim_us: fl
         if any(pulse not in (NO_PULSE_US, trim_us) for pulse in row):
             return at_s
     raise UserError(
-        f"{log.source}: no output ever leaves {trim_us:g} µs; check driver.replay.outputs and trim_us, "
-        "or give driver.replay.start_s"
+        f"{log.source}: all outputs stay at {trim_us:g} µs; check driver.replay.outputs and trim_us, "
+        "or set driver.replay.start_s"
     )
 
 
@@ -177,12 +172,14 @@ def _command(pulse_us: float, replay: ReplaySpec) -> float:
     return min(max((pulse_us - replay.trim_us) / replay.span_us, -1.0), 1.0)
 
 
-def _mix(steering: float, throttle: float) -> Motors:
-    """Return port and starboard. When one would exceed 1, both are scaled, so that the turn keeps its shape."""
+def _mix(vessel: VesselSpec | None, steering: float, throttle: float) -> Motors:
+    """Return throttle and all steering actuators, or port and starboard without steering actuators.
+
+    When port or starboard would exceed 1, both are scaled, so that the turn keeps its shape.
+    """
+    steered = 0 if vessel is None else vessel.own_commands - len(vessel.propellers)
+    if steered:
+        return (throttle, *[steering] * steered)
     port, starboard = throttle + steering, throttle - steering
     scale = max(abs(port), abs(starboard), 1.0)
     return port / scale, starboard / scale
-
-
-def _named(channels: Sequence[int]) -> str:
-    return ", ".join(f"C{channel}" for channel in channels)

@@ -88,23 +88,23 @@ def read_csv(path: Path) -> PulseLog:
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except UnicodeDecodeError:
-        raise UserError(f"{path}: is not text; give a table of comma-separated values, or a .bin log") from None
+        raise UserError(f"{path} is not text; use a table of comma-separated values, or a .bin log") from None
     except csv.Error as error:
         raise UserError(f"{path}: is no table of comma-separated values ({error}); {_SHAPE}") from None
 
 
 def _table_rows(lines: Iterator[str]) -> Iterator[tuple[int, list[str]]]:
     """Yield (line number, cells) of each line that is not empty."""
-    kept: list[int] = []
+    numbers: list[int] = []
 
     def uncommented() -> Iterator[str]:
         for number, line in enumerate(lines, start=1):
             if line.strip() and not line.lstrip().startswith("#"):
-                kept.append(number)
+                numbers.append(number)
                 yield line
 
     for row in csv.reader(uncommented(), skipinitialspace=True):
-        yield kept[-1], [cell.strip() for cell in row]
+        yield numbers[-1], [cell.strip() for cell in row]
 
 
 def _read_table(rows: Iterator[tuple[int, list[str]]], source: str) -> PulseLog:
@@ -124,13 +124,13 @@ def _read_table(rows: Iterator[tuple[int, list[str]]], source: str) -> PulseLog:
     for line, cells in rows:
         if len(cells) != len(names):
             raise UserError(
-                f"{source}:{line}: has {len(cells)} columns where the first line names {len(names)}; give as many"
+                f"{source}:{line}: has {len(cells)} columns, but the first line has {len(names)}; write as many"
             )
         now_s = _number(cells[columns[time_name]], names[columns[time_name]], f"{source}:{line}") * _TIMES[time_name]
         if at_s and now_s <= at_s[-1]:
             raise UserError(
                 f"{source}:{line}: column {names[columns[time_name]]}: {now_s:g} s is not after the line before "
-                f"({at_s[-1]:g} s); put the lines in order of time"
+                f"({at_s[-1]:g} s); sort the lines by time"
             )
         at_s.append(now_s)
         for channel, values in pulses.items():
@@ -143,7 +143,7 @@ def _read_table(rows: Iterator[tuple[int, list[str]]], source: str) -> PulseLog:
                 )
             values.append(pulse)
     if not at_s:
-        raise UserError(f"{source}:{line}: has no line below its names; add one for each instant")
+        raise UserError(f"{source}:{line}: no data follows the names of the columns; add a line for each instant")
     return PulseLog(source, tuple(at_s), {channel: tuple(values) for channel, values in pulses.items()})
 
 
@@ -169,7 +169,7 @@ def read_dataflash(path: Path) -> PulseLog:
     with opened as log:
         outputs = log.tables.get("RCOU")
         if outputs is None or "TimeUS" not in outputs.columns:
-            raise UserError(f"{path}: holds no motor outputs (RCOU); log with bit RC OUT of LOG_BITMASK set")
+            raise UserError(f"{path} has no motor outputs (RCOU); record a log with bit RC OUT of LOG_BITMASK")
         at_us = outputs.stamp_ns // 1000
         rising = np.flatnonzero(np.diff(np.maximum.accumulate(at_us), prepend=-1) > 0)
         channels = {int(match[1]): name for name in outputs.columns if (match := _CHANNEL.fullmatch(name))}
@@ -182,7 +182,20 @@ def read_dataflash(path: Path) -> PulseLog:
             if outputs.columns[name].kind == "number" and not outputs.columns[name].shape
         }
         at_s = tuple((at_us[rising] * 1e-6).tolist())
-        return PulseLog(str(path), at_s, pulses, _armed_s(log), _functions(log))
+        arming, armed_s = log.tables.get("ARM"), None
+        if arming is not None and {"TimeUS", "ArmState"} <= arming.columns.keys():
+            armed = np.flatnonzero(arming.values("ArmState", raw=True) == 1)
+            if len(armed):
+                armed_s = int(arming.stamp_ns[armed[0]]) // 1000 * 1e-6
+        functions = {}
+        table = log.tables.get("PARM")
+        if table is not None and {"Name", "Value"} <= table.columns.keys() and table.columns["Value"].kind == "number":
+            values = table.values("Value", raw=True).tolist()
+            for name, value in zip(table.values("Name").tolist(), values, strict=True):
+                match = _FUNCTION.fullmatch(str(name))
+                if match and np.isfinite(value):
+                    functions[int(match[1])] = int(value)
+        return PulseLog(str(path), at_s, pulses, armed_s, functions)
 
 
 def read_recording(path: Path) -> PulseLog:
@@ -192,21 +205,18 @@ def read_recording(path: Path) -> PulseLog:
     except LogError as error:
         raise UserError(str(error)) from error
     with opened as log:
-        found, functions = signals.outputs(log), output_functions(log)
-        if not found:
+        outputs, functions = signals.outputs(log), output_functions(log)
+        if not outputs:
             raise UserError(
-                f"{path}: holds no servo outputs; give a log with RCOU or SERVO_OUTPUT_RAW, or a bag with mavros/rc/out"
+                f"{path} has no servo outputs; use a log with RCOU or SERVO_OUTPUT_RAW, or a bag with mavros/rc/out"
             )
-        stamp_ns = max((series.stamp_ns for series in found.values()), key=len)
-        in_force = {
-            channel: series.values[np.clip(np.searchsorted(series.stamp_ns, stamp_ns, side="right") - 1, 0, None)]
-            for channel, series in found.items()
-        }
-        commands = all(not series.unit for series in found.values())
-        pulses = {
-            channel: _COMMAND_TRIM_US + _COMMAND_SPAN_US * values if commands else values
-            for channel, values in in_force.items()
-        }
+        stamp_ns = max((series.stamp_ns for series in outputs.values()), key=len)
+        commands = all(not series.unit for series in outputs.values())
+        pulses = {}
+        for channel, series in outputs.items():
+            active = np.clip(np.searchsorted(series.stamp_ns, stamp_ns, side="right") - 1, 0, None)
+            values = series.values[active]
+            pulses[channel] = _COMMAND_TRIM_US + _COMMAND_SPAN_US * values if commands else values
         armed = signals.armed(log)
         return PulseLog(
             str(path),
@@ -225,31 +235,11 @@ def output_functions(log: Log) -> dict[int, int]:
 
     A recording of xitl with two propellers gets those of a pair.
     """
-    found = {
+    functions = {
         int(match[1]): int(value)
         for name, value in parameter_values(log).items()
         if (match := _FUNCTION.fullmatch(name)) and value.is_integer()
     }
-    if not found and list(signals.output_names(log).values()) == ["propeller 0", "propeller 1"]:
+    if not functions and list(signals.output_names(log).values()) == ["propeller 0", "propeller 1"]:
         return dict(zip((1, 2), _PAIR, strict=True))
-    return found
-
-
-def _armed_s(log: Log) -> float | None:
-    """Return the time of the first arming."""
-    table = log.tables.get("ARM")
-    if table is None or not {"TimeUS", "ArmState"} <= table.columns.keys():
-        return None
-    armed = np.flatnonzero(table.values("ArmState", raw=True) == 1)
-    return int(table.stamp_ns[armed[0]]) // 1000 * 1e-6 if len(armed) else None
-
-
-def _functions(log: Log) -> dict[int, int]:
-    table = log.tables.get("PARM")
-    if table is None or not {"Name", "Value"} <= table.columns.keys() or table.columns["Value"].kind != "number":
-        return {}
-    found = {}
-    for name, value in zip(table.values("Name").tolist(), table.values("Value", raw=True).tolist(), strict=True):
-        if (match := _FUNCTION.fullmatch(str(name))) and np.isfinite(value):
-            found[int(match[1])] = int(value)
-    return found
+    return functions

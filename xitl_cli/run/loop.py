@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
@@ -14,11 +13,17 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.mcap_file import RecordingError
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import PaceReport
 from xitl_cli.registry import ACTUATORS, package_of
-from xitl_cli.run.core.node import RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
+from xitl_cli.run.core.node import (
+    PluginNodeError,
+    RunNode,
+    RunStep,
+    SimulationClock,
+    VesselNodes,
+    WorldNodes,
+    overriding,
+)
 from xitl_cli.run.core.pace import Pace
-from xitl_cli.run.core.plugin_error import PluginNodeError
 from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
 from xitl_cli.run.world.plant import Plant
@@ -75,10 +80,15 @@ class Loop:
 
     def run(self) -> Ending:
         """Raises UserError when a node is lost or the recording cannot be written; the plant keeps its last state."""
-        sense, record = self._groups("sense"), self._groups("record")
-        ticks, answers = self._exchange_groups()
+        vessels, ahead, behind = self._vessels, [self._world.ahead], [self._world.behind]
+        of_vessels = [vessel.nodes for vessel in vessels]
+        sense = self._grouped("sense", ahead, of_vessels, behind)
+        record = self._grouped("record", ahead, of_vessels, behind)
+        # Calls before the controlling nodes, and calls from the controlling nodes on
+        ticks = self._grouped("exchange", ahead, [vessel.ahead for vessel in vessels], [])
+        answers = self._grouped("exchange", [], [vessel.behind for vessel in vessels], behind)
         plant, clock = self._plant, self._clock
-        self._look_at_progress()
+        self._update_progress()
         number = 0
         while number < self._last_step:
             number += 1
@@ -86,9 +96,16 @@ class Loop:
             try:
                 plant.advance(self._motors)
             except ActuatorError as error:
-                raise self._failed_actuator(error) from error
-            clock.step_ns = plant.state.time_ns
-            steps = self._steps(number)
+                now_ns, package = plant.state.time_ns, package_of(ACTUATORS, error.kind)
+                text = "".join(traceback.format_exception(error))
+                self._recorder.log(now_ns, ERROR, "vehicle.actuators", text)
+                raise PluginNodeError(
+                    f"{error} at {now_ns * 1e-9:.2f} s ({package}); correct the plug-in or remove it from the profile"
+                ) from error
+            now_ns = clock.step_ns = plant.state.time_ns
+            # The step of each vessel, indexed by group number
+            steps = [RunStep(number, now_ns, view, view.motion(), view.held) for view in plant.vessels]
+            steps = [steps[0], *steps]
             self._call(sense, steps)
             if number % self._every_exchange:
                 self._call(record, steps, of_lost=True)
@@ -97,29 +114,16 @@ class Loop:
                 if not self._alone:
                     self._call(record, steps, of_lost=True)
                 self._call(answers, steps)
-                self._look_at_progress()
+                self._update_progress()
                 self._recorder.flush_if_due()
                 if self._alone:
                     self._call(record, steps, of_lost=True)
-                if self._awaited and all(one.control.progress.finished for one in self._remaining(self._awaited)):
+                remaining = self._remaining(self._awaited)
+                if self._awaited and all(vessel.control.progress.finished for vessel in remaining):
                     return Ending.FINISHED
                 if self._interrupted():
                     return Ending.INTERRUPTED
         return Ending.DURATION
-
-    def _failed_actuator(self, error: ActuatorError) -> PluginNodeError:
-        """Return the error that ends the run, after the traceback is in the recording."""
-        now_ns, package = self._plant.state.time_ns, package_of(ACTUATORS, error.kind)
-        self._recorder.log(now_ns, ERROR, "vehicle.actuators", "".join(traceback.format_exception(error)))
-        at = f"at {now_ns * 1e-9:.2f} s"
-        return PluginNodeError(f"{error} {at} ({package}); correct the plug-in or take it out of the profile")
-
-    def _steps(self, number: int) -> list[RunStep]:
-        """Return the step of each vessel, indexed by group number."""
-        plant = self._plant
-        now_ns = plant.state.time_ns
-        steps = [RunStep(number, now_ns, view, view.motion(), view.held) for view in plant.vessels]
-        return [steps[0], *steps]
 
     def _call(self, groups: list[Group], steps: list[RunStep], of_lost: bool = False) -> None:
         """Call the groups. When a node fails, raises UserError with the name of its vessel.
@@ -143,25 +147,13 @@ class Loop:
         if name in self.losses:  # an error of its recording
             return
         self.losses[name] = str(error)
-        what = "drifts with its motors stopped" if self._on_loss == "drift" else "goes on with its last motor commands"
-        self._recorder.log(self._plant.state.time_ns, WARNING, "run", f"{name} is lost and {what}: {error}")
+        effect = "drifts with its motors stopped" if self._on_loss == "drift" else "keeps its last motor commands"
+        self._recorder.log(self._plant.state.time_ns, WARNING, "run", f"{name} is lost and {effect}: {error}")
         if not self._remaining(self._awaited or self._vessels):
             raise named(name, error) from error
 
     def _remaining(self, vessels: Sequence[VesselNodes]) -> list[VesselNodes]:
         return [vessel for vessel in vessels if vessel.name not in self.losses]
-
-    def _groups(self, method: str) -> list[Group]:
-        world = self._world
-        return self._grouped(method, [world.ahead], [vessel.nodes for vessel in self._vessels], [world.behind])
-
-    def _exchange_groups(self) -> tuple[list[Group], list[Group]]:
-        """Return the calls before the controlling nodes, and the calls from the controlling nodes on."""
-        world, vessels = self._world, self._vessels
-        ahead, behind = [vessel.ahead for vessel in vessels], [vessel.behind for vessel in vessels]
-        return self._grouped("exchange", [world.ahead], ahead, []), self._grouped(
-            "exchange", [], behind, [world.behind]
-        )
 
     def _grouped(
         self,
@@ -177,32 +169,34 @@ class Loop:
         groups = [(number, overriding(nodes, method)) for number, nodes in numbered]
         return [group for group in groups if group[1]]
 
-    def _calls(self, method: str) -> list[Callable[..., Any]]:
-        return [call for vessel in self._remaining(self._vessels) for call in overriding(vessel.nodes, method)]
-
     def _wait_until(self, sim_ns: int) -> None:
         pace = self._pace
         pace.wait_until(sim_ns, self._receive)
         if pace.slips != self._slips:
             self._slips = pace.slips
-            self._recorder.log(self._plant.state.time_ns, WARNING, "run", _slipped(pace.report()))
+            text = (
+                f"this machine stalled and the world paused: {pace.report().slipped_s:.2f} s in all (slip "
+                f"{pace.slips}); an agent in real time got no sensor samples meanwhile"
+            )
+            self._recorder.log(self._plant.state.time_ns, WARNING, "run", text)
 
     def _receive(self, seconds: float) -> None:
         """Process all input; wait for it for at most this time."""
-        links = [link for links in self._calls("links") for link in links()]
+        remaining = self._remaining(self._vessels)
+        links = [link for vessel in remaining for of_node in overriding(vessel.nodes, "links") for link in of_node()]
         if not links:
             time.sleep(seconds)
         elif len(links) > 1:
             wait_for_any(links, seconds)
             seconds = 0.0
-        for vessel in self._remaining(self._vessels):
+        for vessel in remaining:
             try:
                 for receive in overriding(vessel.nodes, "receive"):
                     receive(seconds)
             except UserError as error:
                 self._lose(vessel.name, error)
 
-    def _look_at_progress(self) -> None:
+    def _update_progress(self) -> None:
         self._motors = []
         for view, vessel in zip(self._plant.vessels, self._vessels, strict=True):
             lost, control = vessel.name in self.losses, vessel.control
@@ -217,10 +211,3 @@ class Loop:
 def named(vessel: str, error: UserError) -> UserError:
     """Prefix the error with the name of its vessel. An error of the recording belongs to no vessel."""
     return UserError(f"{vessel}: {error}") if vessel and not isinstance(error, RecordingError) else error
-
-
-def _slipped(report: PaceReport) -> str:
-    return (
-        f"this machine stood still: the world did too, {report.slipped_s:.2f} s in all (slip {report.slips}); an agent "
-        "in real time had no sensors meanwhile"
-    )

@@ -31,7 +31,6 @@ from xitl_cli.run.composition.setup import RunSetup, VesselSetup, is_awaited
 from xitl_cli.run.composition.vessel import link_names, vessel_parts
 from xitl_cli.run.composition.world import world_parts
 from xitl_cli.run.core import directory
-from xitl_cli.run.core.live_output import live_outputs
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
 from xitl_cli.run.core.pace import Lockstep, OperatedLockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
@@ -39,11 +38,11 @@ from xitl_cli.run.links.agent_workers import fleet_workers
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.loop import Loop, named
 from xitl_cli.run.nodes.display import StatusDisplay
+from xitl_cli.run.nodes.plugin_nodes import live_outputs
 from xitl_cli.run.nodes.stations import StationAddresses
 from xitl_cli.run.operator.operation import UNATTENDED, Operation
 from xitl_cli.run.sensors.compass import compass_warnings
 from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
-from xitl_cli.run.traffic.departure import departs_after
 from xitl_cli.run.traffic.self_report import VesselVoices
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
@@ -53,6 +52,7 @@ from xitl_cli.seeds import Seeds
 
 if TYPE_CHECKING:
     from xitl_cli.logs.model.log import Log
+
 
 COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 
@@ -78,8 +78,8 @@ class Result:
     @property
     def verdict(self) -> dict[str, Any]:
         """`verdict` of summary.json: whether the run was completed and, in real time, kept real time, with reasons."""
-        found: dict[str, Any] = self.summary["verdict"]
-        return found
+        verdict: dict[str, Any] = self.summary["verdict"]
+        return verdict
 
     @property
     def recording(self) -> Path:
@@ -113,9 +113,9 @@ def run(
     """
     profiles = profile.run_profiles()
     lead = profiles[0]
-    for each in profiles:
-        check_extras(each)
-    vessels = [each.vessel for each in profiles if each.vessel]
+    for of_vessel in profiles:
+        check_extras(of_vessel)
+    vessels = [of_vessel.vessel for of_vessel in profiles if of_vessel.vessel]
     directory.check_free(out, overwrite, vessels)  # before anything is started or joined
     seeds = Seeds(lead.clock.seed)
     scenery = Scenery(lead)
@@ -124,7 +124,7 @@ def run(
     plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
     scene = cache(partial(make_scene, profiles, scenery))
-    operation = replace(operation, viewed=lead.view.show, live=lead.live.foxglove, ros=lead.ros.enabled)
+    operation = replace(operation, viewed=lead.view.show, live=lead.live.streams_foxglove, ros=lead.ros.enabled)
     check_driven(profiles, operation)
     if lead.ros.enabled and operation.pace is None:
         operation = replace(operation, pace=lead.ros.pace)
@@ -149,7 +149,7 @@ def run(
             tell=tell,
             interrupted=interruption,
         )
-        nodes = _composed(setup, opened)
+        nodes = _compose(setup, opened)
         for name, node in nodes.named():
             with _of(name):
                 node.prepare()
@@ -157,21 +157,26 @@ def run(
         with directory.reserve(out), interruption.noticed():
             directory.write_profile(out, resolved_yaml(profile))
             recorders = open_recorders(out / directory.RECORDING, profiles, nodes.mirrors)
-            pace = _pace(lead, plant, operation, interruption)
-            outcome = replace(_go(profile, profiles, scene, plant, nodes, pace, recorders, interruption), timed=timed)
+            pace: Pace
+            if lead.clock.mode == "realtime":
+                pace = Realtime(plant.simulation.dt_s)
+            else:
+                pace = OperatedLockstep(interruption, operation.pace) if operation.paced else Lockstep()
+            outcome = _execute(profile, profiles, scene, plant, nodes, pace, recorders, interruption)
+            outcome = replace(outcome, timed=timed)
     for name, node in nodes.named():
         node.save(out / name)
     summary = _summary(profiles, outcome, nodes, pace, [*scenery.warnings, *nodes.warnings])
     directory.write_json(out / directory.SUMMARY, summary)
     if outcome.crash is not None:
         raise outcome.crash
-    return Result(summary, out, _exit_code(outcome, summary["verdict"]))
-
-
-def _pace(profile: RunProfile, plant: Plant, operation: Operation, interrupted: Callable[[], bool]) -> Pace:
-    if profile.clock.mode == "realtime":
-        return Realtime(plant.simulation.dt_s)
-    return OperatedLockstep(interrupted, operation.pace) if operation.paced else Lockstep()
+    verdict = summary["verdict"]
+    exit_code = COMPLETED if verdict["completed"] or verdict["duration_asked"] else INCOMPLETE
+    if outcome.error is not None:
+        exit_code = USER_ERROR
+    elif outcome.ending is Ending.INTERRUPTED:
+        exit_code = INTERRUPTED
+    return Result(summary, out, exit_code)
 
 
 def check_extras(profile: RunProfile) -> None:
@@ -184,8 +189,7 @@ def check_extras(profile: RunProfile) -> None:
     if missing:
         keys = [key for package in missing for key in wanted[package]]
         raise UserError(
-            f"{profile.name}: {', '.join(keys)}: cannot do without {' and '.join(missing)}, not installed here; "
-            f"{PERCEPTION.pip_line}"
+            f"{profile.name}: {', '.join(keys)}: {' and '.join(missing)} must be installed; {PERCEPTION.pip_line}"
         )
 
 
@@ -196,8 +200,8 @@ def check_driven(profiles: Sequence[RunProfile], operation: Operation) -> None:
     for profile in profiles:
         if profile.driver.kind == "ros":
             raise UserError(
-                f"{profile.name}: driver.kind = ros has nobody to drive it, as ROS is off; give --ros, or what "
-                "nodes have done before by --replay-events"
+                f"{profile.name}: driver.kind = ros needs ROS, which is off; add --ros, or repeat the actions of an "
+                "earlier run with --replay-events"
             )
 
 
@@ -231,7 +235,7 @@ class RunNodes:
         yield from (("", node) for node in self.world.behind)
 
 
-def _composed(setup: RunSetup, opened: ExitStack) -> RunNodes:
+def _compose(setup: RunSetup, opened: ExitStack) -> RunNodes:
     """Make the nodes of a run; `opened` closes them. Raises UserError, which names the vessel of a fleet."""
     made: dict[str, Parts] = {}
     after = departs_after(setup.profiles)
@@ -261,11 +265,11 @@ def open_recorders(
     if not lead.vessel:
         recorder = Recorder(file, links=link_names(lead))
         return recorder, {"": recorder}
-    vessels = {each.vessel: Recorder(file, links=link_names(each), vessel=each.vessel) for each in profiles}
+    vessels = {profile.vessel: Recorder(file, links=link_names(profile), vessel=profile.vessel) for profile in profiles}
     return Recorder(file, from_start=False), vessels
 
 
-def _go(
+def _execute(
     profile: Profile,
     profiles: Sequence[RunProfile],
     scene: Callable[[], messages.SceneUpdate],
@@ -358,21 +362,13 @@ def _write_head(
     lead = profiles[0]
     about = {"version": __version__, "profile": profile.name, "seed": str(lead.clock.seed), "started_utc": started}
     if lead.vessel:
-        about["vessels"] = ", ".join(each.vessel for each in profiles)
+        about["vessels"] = ", ".join(of_vessel.vessel for of_vessel in profiles)
     recorder.metadata("xitl", about)
     recorder.attach(directory.PROFILE, "application/yaml", resolved_yaml(profile).encode())
     for name in ("xitl.xml", "fleet.xml") if lead.vessel else ("xitl.xml",):
         recorder.attach(name, "application/xml", files("agent.wire").joinpath(name).read_bytes())
     if lead.recording.scene:
         recorder.scene(scene())
-
-
-def _exit_code(outcome: RunOutcome, verdict: Mapping[str, Any]) -> int:
-    if outcome.error is not None:
-        return USER_ERROR
-    if outcome.ending is Ending.INTERRUPTED:
-        return INTERRUPTED
-    return COMPLETED if verdict["completed"] or verdict["duration_asked"] else INCOMPLETE
 
 
 class Interruption:
@@ -401,3 +397,32 @@ class Interruption:
 
         with end_signals_handled(note, signal.SIGINT):
             yield
+
+
+def departs_after(profiles: Sequence[RunProfile]) -> dict[str, tuple[str, ...]]:
+    """Return, by vessel, the vessels that must be ready before it sets out.
+
+    By `driver.departs_with`, these are its followers with their followers, all others, or none.
+    """
+    leaders = {
+        profile.vessel: profile.driver.follow.vessel
+        for profile in profiles
+        if profile.driver.kind == "follow" and profile.driver.follow is not None
+    }
+
+    def leads(name: str, other: str) -> bool:
+        while other in leaders:
+            other = leaders[other]
+            if other == name:
+                return True
+        return False
+
+    names = [profile.vessel for profile in profiles]
+    awaited = {}
+    for profile in profiles:
+        own, departs_with = profile.vessel, profile.driver.departs_with
+        others = [name for name in names if name != own]
+        if departs_with == "followers":
+            others = [name for name in others if leads(own, name)]
+        awaited[own] = () if departs_with == "nobody" else tuple(others)
+    return awaited

@@ -115,6 +115,8 @@ def summary_of(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> 
     }
 
 
+OF_THE_GRAPH = ("agents", "edges")
+"""Reports of the nodes that only `graph` uses."""
 ONCE = ("pace", "debris", "operator")
 """Sections that a fleet has at the top only. The top also holds the host's and the world's part of `OF_THE_RUN`."""
 OF_THE_RUN = ("tasks", "clocks", "warnings", *ONCE)
@@ -237,7 +239,7 @@ def _vessel(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sec
             written[key] = graph_section(profile, sections["agents"], edges)
         elif key == "autopilot" and value is not None:
             written[key] = value.section(sections["tasks"])
-        elif key not in ("agents", "edges"):
+        elif key not in OF_THE_GRAPH:
             written[key] = _written(value)
     return written
 

@@ -87,7 +87,13 @@ def measured_figures(
         length_s=length_s,
         physics=worst([_misses(task) for task in tasks if task.node == HOST]),
         control=None if spared else worst([_misses(task) for task in agents]),
-        link=worst_link([_losses(link) for link in links if link.lost is not None and link.sent]),
+        link=worst_link(
+            [
+                LinkLosses(link.name, link.sent, max(link.lost - (link.impaired or 0), 0))
+                for link in links
+                if link.lost is not None and link.sent
+            ]
+        ),
         stood_s=sum(clock.stood_s for clock in clocks),
         clock_steps=() if spared else tuple((clock.node, clock.steps) for clock in clocks if clock.steps),
         **{key: value for key, value in asdict(pace).items() if key != "slips"},
@@ -97,14 +103,14 @@ def measured_figures(
 def worst_figures(vessels: Sequence[tuple[str, RealTimeFigures]]) -> RealTimeFigures:
     """Return the figures of a fleet: the worst of the vessels for figures per vessel. vessels: name and figures."""
     _, first = vessels[0]
-    controls = [replace(one.control, name=f"{name}: {one.control.name}") for name, one in vessels if one.control]
-    links = [replace(one.link, name=f"{name}: {one.link.name}") for name, one in vessels if one.link]
+    controls = [replace(own.control, name=f"{name}: {own.control.name}") for name, own in vessels if own.control]
+    links = [replace(own.link, name=f"{name}: {own.link.name}") for name, own in vessels if own.link]
     return replace(
         first,
         control=worst(controls),
         link=worst_link(links),
-        stood_s=max(one.stood_s for _, one in vessels),
-        clock_steps=tuple((f"{clock} of {name}", steps) for name, one in vessels for clock, steps in one.clock_steps),
+        stood_s=max(own.stood_s for _, own in vessels),
+        clock_steps=tuple((f"{clock} of {name}", steps) for name, own in vessels for clock, steps in own.clock_steps),
     )
 
 
@@ -125,15 +131,15 @@ def why_text(
     else:
         done = "no mission"
     if frozen and not completed:
-        done += ", the vessel frozen all the time, as nobody armed it"
+        done += ", the vessel was never armed and stayed frozen"
     if stop:
         done = f"{stop}; {done}"
         if ending is Ending.DURATION:
             return done
     if ending is Ending.FINISHED:
         return done
-    said = error if ending is Ending.FAILED and error else ending.value
-    return f"{said}; {done}" if ending is Ending.FAILED or stop else f"{said}, {done}"
+    reason = error if ending is Ending.FAILED and error else ending.value
+    return f"{reason}; {done}" if ending is Ending.FAILED or stop else f"{reason}, {done}"
 
 
 SAILS_MISSIONS = ("mission", "ground-station")
@@ -154,10 +160,14 @@ def stop_text(events: Sequence[AutopilotEvent], driver: str) -> str:
             condition = event
         elif event.event in ("failsafe over", "fence limit over"):
             condition = None
-        elif stop is not None and _is_undone(stop, event):
-            stop = None
-        elif stop is None and _stops(event, driver):
-            stop = event
+        elif stop is not None:
+            back_in_mode = stop.event == event.event == "mode" and event.mode == stop.mode_before
+            if back_in_mode or (stop.event != "mode" and event.event == "armed"):
+                stop = None
+        elif event.event in ("mode", "disarmed"):
+            left_mission = event.mode_before == MISSION_MODE and driver in SAILS_MISSIONS
+            if left_mission or event.reason:
+                stop = event
     if stop is not None:
         reason = f" ({stop.reason.removesuffix(f', {stop.mode}')})" if stop.reason else ""
         by = stop.mode if stop.event == "mode" else "disarming"
@@ -165,21 +175,8 @@ def stop_text(events: Sequence[AutopilotEvent], driver: str) -> str:
     if condition is None:
         return ""
     if condition.event == "fence limits speed":
-        return f"avoidance has held it at the fence since {condition.at_s:.1f} s"
-    return f"failsafe in force since {condition.at_s:.1f} s ({condition.reason})"
-
-
-def _stops(event: AutopilotEvent, driver: str) -> bool:
-    if event.event not in ("mode", "disarmed"):
-        return False
-    left = event.mode_before == MISSION_MODE and driver in SAILS_MISSIONS
-    return left or bool(event.reason)
-
-
-def _is_undone(stop: AutopilotEvent, event: AutopilotEvent) -> bool:
-    if stop.event == "mode":
-        return event.event == "mode" and event.mode == stop.mode_before
-    return event.event == "armed"
+        return f"avoidance has kept it at the fence since {condition.at_s:.1f} s"
+    return f"failsafe active since {condition.at_s:.1f} s ({condition.reason})"
 
 
 def judge(ending: Ending, completed: bool, timed: bool, why: str, figures: RealTimeFigures | None) -> Verdict:
@@ -194,7 +191,3 @@ def judge(ending: Ending, completed: bool, timed: bool, why: str, figures: RealT
 
 def _misses(task: TaskTiming) -> TaskMissCount:
     return TaskMissCount(f"{task.node} {task.task}", task.cycles + task.skipped, task.missed)
-
-
-def _losses(link: LinkReport) -> LinkLosses:
-    return LinkLosses(link.name, link.sent or 0, max((link.lost or 0) - (link.impaired or 0), 0))

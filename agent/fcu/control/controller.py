@@ -147,21 +147,23 @@ def _import_module(where: str, spec: str) -> ModuleType:
 class ControllerGuard:
     """Protects the autopilot from a controller: an error makes the outputs neutral and has no other effect.
 
-    `failures` counts the errors. The first error of a series is an event, as is the end of the series. `latest` is the
-    cause of the last error. `problem` is the reason why there is no controller.
+    The first error of a series is an event, as is the end of the series.
     """
 
     def __init__(self, make: MakeController, parameters: Parameters, events: EventQueue) -> None:
         self.failures = 0
+        """Number of errors."""
         self.latest = ""
+        """Cause of the last error."""
         self.problem = ""
+        """Reason why there is no controller, empty if there is one."""
         self._events = events
         self._failing = False
         self._used = False
         self._controller: Controller | None = None
         try:
             self._controller = make(parameters)
-        except Exception as error:  # noqa: BLE001  somebody else's code
+        except Exception as error:  # noqa: BLE001  a user's code
             self.problem = _sentence(error)
             self._fail(self.problem)
 
@@ -187,7 +189,7 @@ class ControllerGuard:
             answer = self._controller.control(order, estimate, dt_s)
             values = tuple(answer) if isinstance(answer, Motors) else Demand(*answer)
             finite = all(math.isfinite(value) for value in values if value is not None)
-        except Exception as error:  # noqa: BLE001  somebody else's code
+        except Exception as error:  # noqa: BLE001  a user's code
             self._fail(_sentence(error))
             return STILL
         if not finite:
@@ -209,7 +211,7 @@ class ControllerGuard:
             return
         try:
             getattr(self._controller, method)()
-        except Exception as error:  # noqa: BLE001  somebody else's code
+        except Exception as error:  # noqa: BLE001  a user's code
             self._fail(f"{method}: {_sentence(error)}")
 
     def _fail(self, why: str) -> None:

@@ -278,21 +278,19 @@ class PointTransit:
 
 
 class CircleTransit:
-    """Path onto a circle around a position and along it, clockwise or counterclockwise.
-
-    radius_m: at least TURN_RADIUS.
-    speed_mps: limit from the lateral acceleration and the turn rate.
-    turned_rad: angle travelled since the circle was reached.
-    """
+    """Path onto a circle around a position and along it, clockwise or counterclockwise."""
 
     def __init__(self, gains: GuidanceGains, lat_deg: float, lon_deg: float, radius_m: float, clockwise: bool) -> None:
         self.lat_deg = lat_deg
         self.lon_deg = lon_deg
         self.radius_m = max(radius_m, gains.turn_radius_m)
+        """Radius, at least TURN_RADIUS."""
         self.speed_mps = min(
             math.sqrt(gains.lateral_acceleration_mps2 * self.radius_m), gains.turn_rate_radps * self.radius_m
         )
+        """Limit of the speed, from the lateral acceleration and the turn rate."""
         self.turned_rad = 0.0
+        """Angle travelled since the circle was reached."""
         self._sense = 1.0 if clockwise else -1.0
         self._integral_s = 0.0
         self._angle_rad: float | None = None  # of the vessel seen from the centre, on the circle

@@ -57,12 +57,7 @@ class Share(NamedTuple):
 
 
 class ForceAllocation:
-    """Thrusters and rudders of one vessel, with its full thrust, steering and lateral force.
-
-    full_moment_nm: all thrusters at their greatest moment, and full rudder at `base_mps`.
-    full_thrust_n: all thrusters that push ahead.
-    pivots: whether the vessel can turn without thrust and without way on.
-    """
+    """Thrusters and rudders of one vessel, with its full thrust, steering and lateral force."""
 
     def __init__(self, thrusters: list[Thruster], rudders: list[RudderBlade], base_mps: float) -> None:
         self.thrusters = thrusters
@@ -80,7 +75,9 @@ class ForceAllocation:
                 thrusts_n.append(t.thrust_n * max(ahead, -t.astern * ahead))
                 laterals_n.append(t.thrust_n * abs(aside))
         self.full_moment_nm = sum(moments_nm + [abs(r.x_m) * r.force_n for r in rudders])
+        """Moment of all thrusters at their greatest, and of full rudder at `base_mps`."""
         self.full_thrust_n = azimuthing_n + sum(thrusts_n)
+        """Thrust of all thrusters that push ahead."""
         self.full_lateral_n = azimuthing_n + sum(laterals_n)
         self._columns = [
             (self._effect(t, t.angle_rad), self._effect(t, t.angle_rad + 0.5 * math.pi)) for t in thrusters
@@ -90,6 +87,7 @@ class ForceAllocation:
         at_rest = [Share()] * (len(thrusters) + len(rudders))
         _, (steering, thrust, _) = self.solve(0.0, 0.05, None, 0.0, at_rest)
         self.pivots = steering > 0.04 and abs(thrust) < 0.01
+        """Whether the vessel can turn without thrust and without way on."""
         self._multipliers = (0.0, 0.0, 0.0)
 
     def solve(

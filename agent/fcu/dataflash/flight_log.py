@@ -113,10 +113,7 @@ class _Snapshot(NamedTuple):
 
 
 class ChangeLog:
-    """Logs occasional changes by `put`: mode, arming, parameters, mission, home, failsafes.
-
-    offset_mgauss: COMPASS_OFS of the parameters last logged.
-    """
+    """Logs occasional changes by `put`: mode, arming, parameters, mission, home, failsafes."""
 
     def __init__(self, put: Callable[[bytes], None]) -> None:
         self._put = put
@@ -127,6 +124,7 @@ class ChangeLog:
         self._fence_on = False
         self._values: dict[str, float] = {}
         self.offset_mgauss: Vector3 = (0.0, 0.0, 0.0)
+        """COMPASS_OFS of the parameters last logged."""
         self._items: Iterator[tuple[int, MissionItem]] = iter(())
         self._items_total = 0
 

@@ -35,11 +35,6 @@ class LogWriter:
     is retried every second from the byte at which it stopped, so that the file remains a sequence of records.
 
     lossless: `put` waits for room, for a clock that stops meanwhile. It waits only once for a faulty disk.
-
-    dropped, dropped_bytes: refused by `put`, or unwritten when `close` gave up.
-    errors: failed attempts to open or write.
-    problem: error of the last attempt, empty after a success.
-    path: of the file, None until it is open.
     """
 
     def __init__(
@@ -50,10 +45,15 @@ class LogWriter:
         period_s: float = PERIOD_S,
     ) -> None:
         self.dropped = 0
+        """Number of records that `put` refused, or that were unwritten when `close` gave up."""
         self.dropped_bytes = 0
+        """Size of these records."""
         self.errors = 0
+        """Number of failed attempts to open or write."""
         self.problem = ""
+        """Error of the last attempt, empty after a success."""
         self.path: Path | None = None
+        """Path of the file, None until it is open."""
         self._opener = opener
         self._lossless = lossless
         self._capacity = capacity_bytes

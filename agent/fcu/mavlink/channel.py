@@ -82,10 +82,16 @@ class MavlinkChannel:
             {}
             if ground
             else {
-                mav.MAVLINK_MSG_ID_XITL_IMU: self._on_imu,
+                mav.MAVLINK_MSG_ID_XITL_IMU: lambda m: self.hub.on_imu(
+                    ImuMeasurement(m.time_usec * 1000, m.gyro, m.accel, m.temperature)
+                ),
                 mav.MAVLINK_MSG_ID_XITL_GNSS: self._on_gnss,
-                mav.MAVLINK_MSG_ID_XITL_MAGNETOMETER: self._on_magnetometer,
-                mav.MAVLINK_MSG_ID_XITL_BAROMETER: self._on_barometer,
+                mav.MAVLINK_MSG_ID_XITL_MAGNETOMETER: lambda m: self.hub.on_magnetometer(
+                    MagnetometerMeasurement(m.time_usec * 1000, m.field)
+                ),
+                mav.MAVLINK_MSG_ID_XITL_BAROMETER: lambda m: self.hub.on_barometer(
+                    BarometerMeasurement(m.time_usec * 1000, m.pressure, m.temperature)
+                ),
             }
         )
         self._requests: dict[int, Callable[[Any, int], Messages]] = {
@@ -190,9 +196,6 @@ class MavlinkChannel:
 
     # -- samples
 
-    def _on_imu(self, m: Any) -> bool:
-        return self.hub.on_imu(ImuMeasurement(m.time_usec * 1000, m.gyro, m.accel, m.temperature))
-
     def _on_gnss(self, m: Any) -> bool:
         return self.hub.on_gnss(
             GnssMeasurement(
@@ -208,12 +211,6 @@ class MavlinkChannel:
                 m.satellites,
             )
         )
-
-    def _on_magnetometer(self, m: Any) -> bool:
-        return self.hub.on_magnetometer(MagnetometerMeasurement(m.time_usec * 1000, m.field))
-
-    def _on_barometer(self, m: Any) -> bool:
-        return self.hub.on_barometer(BarometerMeasurement(m.time_usec * 1000, m.pressure, m.temperature))
 
     # -- presence
 

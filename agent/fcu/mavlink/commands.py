@@ -51,23 +51,37 @@ class CommandHandlers:
         self._autopilot = hub.autopilot
         self._streams = streams
         self._stores = stores
+        pilot = hub.autopilot
+        # Commands that the autopilot executes or refuses: a function that returns the reason, and the result then.
+        executed: dict[int, tuple[Callable[[Command], object], int]] = {
+            mav.MAV_CMD_MISSION_START: (lambda c: pilot.commands.start_mission(), mav.MAV_RESULT_FAILED),
+            mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: (lambda c: pilot.set_mode(modes.RTL), mav.MAV_RESULT_FAILED),
+            mav.MAV_CMD_NAV_LOITER_UNLIM: (lambda c: pilot.set_mode(modes.LOITER), mav.MAV_RESULT_FAILED),
+            mav.MAV_CMD_DO_SET_MISSION_CURRENT: (
+                lambda c: pilot.commands.set_current(_whole(c.p1)),
+                mav.MAV_RESULT_DENIED,
+            ),
+            mav.MAV_CMD_DO_SET_REVERSE: (lambda c: pilot.commands.set_reverse(c.p1 == 1.0), mav.MAV_RESULT_DENIED),
+            mav.MAV_CMD_DO_SET_SERVO: (
+                lambda c: pilot.commands.set_servo(_whole(c.p1), _whole(c.p2)),
+                mav.MAV_RESULT_FAILED,
+            ),
+            mav.MAV_CMD_DO_REPEAT_SERVO: (
+                lambda c: pilot.commands.repeat_servo(_whole(c.p1), _whole(c.p2), _whole(c.p3), c.p4),
+                mav.MAV_RESULT_FAILED,
+            ),
+        }
         self.table: dict[int, Callable[[Command, int], Answer]] = {
+            **{number: _executor(execute, otherwise) for number, (execute, otherwise) in executed.items()},
             mav.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_or_disarm,
             mav.MAV_CMD_DO_SET_MODE: self._set_mode,
-            mav.MAV_CMD_MISSION_START: self._start_mission,
             mav.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
-            mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: self._return_to_launch,
-            mav.MAV_CMD_NAV_LOITER_UNLIM: self._loiter,
             mav.MAV_CMD_DO_REPOSITION: self._reposition,
             mav.MAV_CMD_DO_SET_HOME: self._set_home,
-            mav.MAV_CMD_GET_HOME_POSITION: self._get_home,
+            mav.MAV_CMD_GET_HOME_POSITION: lambda c, now_ns: self._message(mav.MAVLINK_MSG_ID_HOME_POSITION, now_ns),
             mav.MAV_CMD_DO_FENCE_ENABLE: self._enable_fence,
-            mav.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_current,
             mav.MAV_CMD_DO_JUMP_TAG: self._jump_to_tag,
-            mav.MAV_CMD_DO_SET_REVERSE: self._set_reverse,
             mav.MAV_CMD_NAV_SET_YAW_SPEED: self._set_yaw_speed,
-            mav.MAV_CMD_DO_SET_SERVO: self._set_servo,
-            mav.MAV_CMD_DO_REPEAT_SERVO: self._repeat_servo,
             mav.MAV_CMD_DO_AUX_FUNCTION: self._aux_function,
             mav.MAV_CMD_RUN_PREARM_CHECKS: self._run_prearm_checks,
             **dict.fromkeys(_LACKING, self._lack),
@@ -111,18 +125,6 @@ class CommandHandlers:
             return _accepted(False)
         return _accepted(not self._autopilot.set_mode(_whole(c.p2)), mav.MAV_RESULT_FAILED)
 
-    def _return_to_launch(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.set_mode(modes.RTL), mav.MAV_RESULT_FAILED)
-
-    def _loiter(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.set_mode(modes.LOITER), mav.MAV_RESULT_FAILED)
-
-    def _start_mission(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.commands.start_mission(), mav.MAV_RESULT_FAILED)
-
-    def _set_current(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.commands.set_current(_whole(c.p1)))
-
     def _jump_to_tag(self, c: Command, now_ns: int) -> Answer:
         tag = _whole(c.p1)
         if not 0 <= tag <= 65535:
@@ -135,21 +137,10 @@ class CommandHandlers:
             return _accepted(False)
         return _accepted(not self._autopilot.commands.change_speed(c.p2), mav.MAV_RESULT_FAILED)
 
-    def _set_reverse(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.commands.set_reverse(c.p1 == 1.0))
-
     def _set_yaw_speed(self, c: Command, now_ns: int) -> Answer:
         """Set the course in GUIDED: a heading, absolute or relative to the present one, and a speed."""
         heading_rad = math.radians(c.p1) + (self._autopilot.state.estimate.yaw_rad if c.p3 > 0.0 else 0.0)
         return _accepted(not self._autopilot.commands.set_course(heading_rad, c.p2), mav.MAV_RESULT_FAILED)
-
-    def _set_servo(self, c: Command, now_ns: int) -> Answer:
-        refused = self._autopilot.commands.set_servo(_whole(c.p1), _whole(c.p2))
-        return _accepted(not refused, mav.MAV_RESULT_FAILED)
-
-    def _repeat_servo(self, c: Command, now_ns: int) -> Answer:
-        refused = self._autopilot.commands.repeat_servo(_whole(c.p1), _whole(c.p2), _whole(c.p3), c.p4)
-        return _accepted(not refused, mav.MAV_RESULT_FAILED)
 
     def _aux_function(self, c: Command, now_ns: int) -> Answer:
         position = _whole(c.p2)
@@ -203,9 +194,6 @@ class CommandHandlers:
         known = ", ".join(map(str, _GLOBAL_FRAMES))
         self._hub.warn(f"Command {c.number} refused: frame {c.frame} is not supported; use {known}")
         return _accepted(False)
-
-    def _get_home(self, c: Command, now_ns: int) -> Answer:
-        return self._message(mav.MAVLINK_MSG_ID_HOME_POSITION, now_ns)
 
     # -- messages on demand
 
@@ -420,6 +408,10 @@ def _rotated(forward: float, right: float, yaw_rad: float) -> tuple[float, float
 def _whole(value: float) -> int:
     """Return a command's parameter as an integer, -1 when it is not a valid one."""
     return int(value) if 0.0 <= value <= 1e9 and value == int(value) else -1
+
+
+def _executor(execute: Callable[[Command], object], otherwise: int) -> Callable[[Command, int], Answer]:
+    return lambda c, now_ns: _accepted(not execute(c), otherwise)
 
 
 def _accepted(done: bool, otherwise: int = mav.MAV_RESULT_DENIED) -> Answer:

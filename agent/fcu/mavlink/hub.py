@@ -76,30 +76,27 @@ class Outbox:
 
 
 class MavlinkHub:
-    """One autopilot, its newest samples, and its events, which every station's outbox receives.
-
-    storage, log: stores of settings and samples, None without one.
-    logs: logs that stations may read.
-    task_stats: statistics of the agent's tasks, up to the last second.
-    unix_s: date for the first fix, None for the fixed date of repeatable runs.
-    traffic: other vessels, from AIS.
-    reboot_asked: a station requested a restart, see `reboot`.
-    """
+    """One autopilot, its newest samples, and its events, which every station's outbox receives."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self.autopilot = autopilot
         self.storage: SettingsStorage | None = None
         self.log: SampleLog | None = None
         self.logs = StoredLogs()
+        """Logs that stations may read."""
         self.task_stats: Sequence[TaskStats] = ()
+        """Statistics of the agent's tasks, up to the last second."""
         self.unix_s: Callable[[], float] | None = None
+        """Date for the first fix, None for the fixed date of repeatable runs."""
         self.actuators = Actuators()
         self.imu: ImuMeasurement | None = None
         self.gnss: GnssMeasurement | None = None
         self.magnetometer: MagnetometerMeasurement | None = None
         self.barometer: BarometerMeasurement | None = None
         self.traffic = TrafficTable()
+        """Other vessels, from AIS."""
         self.reboot_asked = False
+        """Whether a station requested a restart, see `reboot`."""
         self._outboxes: list[Outbox] = []
         self._warned_ns: dict[str, int] = {}
         self._limits = TextLimit(), TextLimit()  # for ordinary events, and for errors and worse
@@ -185,7 +182,7 @@ class MavlinkHub:
         self.autopilot.events.lost += left_out
         events = within
         if self._left_out and not 0 <= now_ns - self._left_out_said_ns < _SAME_AGAIN_NS:
-            events.append(Event(WARNING, f"{self._left_out} texts left out, too many at once"))
+            events.append(Event(WARNING, f"{self._left_out} texts dropped, too many at once"))
             self._left_out, self._left_out_said_ns = 0, now_ns
         for outbox in self._outboxes:
             outbox.reached.extend(reached)

@@ -26,13 +26,13 @@ class TrafficTable:
     """Newest report of each vessel. A vessel that is silent for TIMEOUT_NS is dropped.
 
     Beyond MOST_VESSELS, the vessel that was silent for longest is dropped.
-    refused: messages without an MMSI or a valid position.
-    dropped: vessels dropped for lack of room.
     """
 
     def __init__(self) -> None:
         self.refused = 0
+        """Number of messages without an MMSI or a valid position."""
         self.dropped = 0
+        """Number of vessels dropped for lack of room."""
         self._vessels: dict[int, HeardVessel] = {}
 
     def __len__(self) -> int:

@@ -203,7 +203,7 @@ class FailsafeHandler:
             if monitor.imu.active:
                 self._events.add(CRITICAL, f"Failsafe: no IMU for {monitor.imu_timeout_s:g} s, outputs neutral")
             else:
-                self._events.add(NOTICE, "Failsafe over: IMU is back, outputs go on")
+                self._events.add(NOTICE, "Failsafe over: IMU is back, outputs resume")
         position_valid = state.estimate.position_valid
         steering_by_it = state.armed and modes.BY_NUMBER[state.mode].needs_position
         if monitor.update_ekf(not position_valid, self._estimator.ratios, steering_by_it, now_ns):
@@ -232,7 +232,7 @@ class FailsafeHandler:
         self._manual.release()
         mode = self._state.mode
         if mode == modes.AUTO and int(self._parameters["FS_GCS_ENABLE"]) == _CONTINUE_IN_AUTO:
-            self._events.add(WARNING, f"{why}, going on in AUTO")
+            self._events.add(WARNING, f"{why}, continuing in AUTO")
             return
         action = int(self._parameters["FS_ACTION"])
         if action == _DISARM:

@@ -239,7 +239,7 @@ class MissionProgress:
 
     The first leg, and the leg after an interruption, starts at the vessel's position. Every other leg joins two
     waypoints.
-    home: target of RETURN_HOME, or None for the mission's own item 0.
+
     say: reports progress.
     perform: executes an item that is not a stage, and returns a text if it is skipped.
     utc_s: time for a DELAY until a time of day, None without a date.
@@ -256,6 +256,7 @@ class MissionProgress:
         self.mission = mission
         self.default_speed_mps = default_speed_mps
         self.home: Home | None = None
+        """Target of RETURN_HOME, None for the mission's own item 0."""
         self._say = say
         self._perform = perform
         self._utc_s = utc_s

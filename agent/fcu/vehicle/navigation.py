@@ -141,12 +141,6 @@ class ModeInput(NamedTuple):
 class Navigator:
     """State that the modes keep between cycles.
 
-    output: guidance of the present mode, None without guidance.
-    asked_mps: commanded speed while the mode lasts.
-    astern: follow legs and circles stern first.
-    home: position of arming or of the first fix, unless it was set.
-    reached: waypoints that were not drained yet.
-    simple_heading_rad: reference of the headings in SIMPLE.
     perform: executes the mission items that are not stages.
     utc_s: UTC for delays until a time of day.
     pivots: whether the vessel can turn on the spot.
@@ -168,13 +162,19 @@ class Navigator:
         self.return_progress: MissionProgress | None = None
         self.circle: CircleTransit | None = None
         self.home: Home | None = None
+        """Position of arming or of the first fix, unless it was set."""
         self.home_is_set = False
         self.simple_heading_rad = 0.0
+        """Reference of the headings in SIMPLE."""
         self.held_heading_rad: float | None = None
         self.output: GuidanceOutput | None = None
+        """Guidance of the present mode, None without guidance."""
         self.asked_mps: float | None = None
+        """Commanded speed while the mode lasts."""
         self.astern = False
+        """Whether legs and circles are followed stern first."""
         self.reached: deque[int] = deque(maxlen=_MOST_REACHED)
+        """Waypoints that were not drained yet."""
         self.events = events
         self._perform = perform
         self._utc_s = utc_s

@@ -95,7 +95,7 @@ def test_errors_are_those_of_the_commands(tmp_path: Path) -> None:
         xitl.load_profile("stil")
     with pytest.raises(xitl.UserError, match=r"environment\.wind\.mean_mp"):
         xitl.simulate("mitl", overrides=["environment.wind.mean_mp=3"], out=tmp_path / "run")
-    with pytest.raises(xitl.LogError, match="there is no such file"):
+    with pytest.raises(xitl.LogError, match="does not exist"):
         xitl.open_log(tmp_path / "none.bin")
 
 

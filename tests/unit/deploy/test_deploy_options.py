@@ -62,10 +62,10 @@ def test_the_remote_command_is_a_constant_and_the_destination_no_option(tmp_path
     "destination", ["-x", "@h", "a@-x", "a b", "a@b c", "a@b;c", "a@b\n", "a@$(x)", "a@`x`", "a'@b", "a@b/c", ""]
 )
 def test_no_other_destination_is_taken(destination: str) -> None:
-    with pytest.raises(UserError, match="no board to log in to"):
+    with pytest.raises(UserError, match="is no address of a board"):
         Board(destination)
 
 
 def test_a_key_to_log_in_with_has_to_be_there(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"--identity .*no such file"):
+    with pytest.raises(UserError, match=r"--identity .* does not exist"):
         Board("a@b", identity=tmp_path / "none")

@@ -34,7 +34,7 @@ def vendor_log(tmp_path: Path) -> Path:
 
 
 def test_a_format_of_a_package_opens_its_files(install: Install, vendor_log: Path) -> None:
-    with pytest.raises(LogError, match="is no log"):
+    with pytest.raises(LogError, match="is not a log"):
         open_log(vendor_log)
     install("xitl-vendor", WRAPPED, log_formats="vendor = xitl_vendor:FORMAT")
     with open_log(vendor_log) as log:
@@ -49,5 +49,5 @@ def test_a_format_that_fails_is_named(install: Install, vendor_log: Path) -> Non
 
 def test_a_format_that_cannot_be_loaded_is_left_out(install: Install, vendor_log: Path) -> None:
     install("xitl-vendor", "raise RuntimeError", log_formats="vendor = xitl_vendor:FORMAT")
-    with pytest.raises(LogError, match="is no log"):
+    with pytest.raises(LogError, match="is not a log"):
         open_log(vendor_log)

@@ -59,7 +59,7 @@ def test_what_can_be_judged_of_one_alone_is_said() -> None:
     a, b = vessel("a"), vessel("b")
     found = overlay(scheduler({"a.bin": None, "b.bin": loops(1.0, "blue")}), a, b, pair_logs(a, b, shift_s=0.0))
     assert found is not None
-    assert found.lacks == ("Scheduler can be judged of B alone.",)
+    assert found.lacks == ("Scheduler can be judged for B only.",)
     assert overlay(scheduler({"a.bin": None, "b.bin": None}), a, b, pair_logs(a, b, shift_s=0.0)) is None
 
 

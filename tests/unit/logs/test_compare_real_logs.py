@@ -125,7 +125,7 @@ def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
     )
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
-    assert any("two runs, laid where each first navigated by itself" in line for line in lines[:6])
+    assert any("two runs, aligned where each first navigated by itself" in line for line in lines[:6])
     assert any("IAE x (east)" in line and "m s" in line for line in lines)
     assert all(len(line) <= 80 for line in lines if str(page) not in line)
     assert "\x1b" not in done.stdout
@@ -138,7 +138,7 @@ def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ((CALM, LOGS / "nowhere.bin"), "nowhere.bin: there is no such file"),
+        ((CALM, LOGS / "nowhere.bin"), "nowhere.bin: does not exist"),
         ((CALM, GUST, "--start", "sunrise"), "sunrise"),
         ((CALM, GUST, "--from", "90", "--until", "80"), "nothing is left to compare"),
         ((CALM, GUST, "--tum", CALM), "cannot be written"),

@@ -13,7 +13,7 @@ from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
 from xitl_cli.logs.report.build import build_report
-from xitl_cli.logs.report.contradictions import CONTRADICTED, is_contradicted, without_contradictions
+from xitl_cli.logs.report.causes import CONTRADICTED, is_contradicted, without_contradictions
 from xitl_cli.logs.report.file_report import FileReport
 from xitl_cli.logs.report.model import Report
 

@@ -60,7 +60,7 @@ def test_another_motion_is_not_aligned_and_says_why() -> None:
     _, placed = align_logs([motion(0.0, 400.0, 50.0, 1, 0.0), other])
     assert placed.method == "not aligned"
     assert not placed.aligned
-    assert "chance" in placed.sentence or "more than one place" in placed.sentence
+    assert "chance" in placed.sentence or "more than one offset" in placed.sentence
 
 
 def test_the_same_turn_over_and_over_fits_in_more_than_one_place() -> None:
@@ -70,7 +70,7 @@ def test_the_same_turn_over_and_over_fits_in_more_than_one_place() -> None:
     part = MadeLog(MadeTable("IMU", np.round(t_s[:4000] * 1e9), {"GyrZ": rate[:4000]}))
     _, placed = align_logs([whole, part])
     assert placed.method == "not aligned"
-    assert "more than one place" in placed.sentence
+    assert "more than one offset" in placed.sentence
 
 
 def test_nothing_in_common_is_a_sentence() -> None:

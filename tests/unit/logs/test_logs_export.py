@@ -142,7 +142,7 @@ def test_an_array_too_long_for_columns_is_told(tmp_path: Path) -> None:
     columns = {"cloud": (Column("cloud", shape=(2000,)), np.zeros((2, 2000))), "n": (Column("n"), [1, 2])}
     log = MadeLog(made_table("SCAN", columns, [1, 2], [1, 2]))
     done = exported(log, tmp_path)
-    assert done.notes == ("SCAN: cloud left out for its length; --format mcap has all",)
+    assert done.notes == ("SCAN: cloud omitted because it is too long; --format mcap writes it",)
     assert sorted(read_csv(tmp_path / "SCAN.csv")) == ["n", "time_s"]
     exported(log, tmp_path / "scan.mcap", "mcap")
     assert len(read_mcap(tmp_path / "scan.mcap")["/SCAN"][1][1].cloud) == 2000
@@ -261,7 +261,7 @@ def test_what_is_there_stays(tmp_path: Path) -> None:
     for file_format, place in (("csv", tmp_path), ("mcap", tmp_path / "out.mcap")):
         exported(log, place, file_format)
         before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
-        with pytest.raises(LogError, match=r"is there already; .*--overwrite"):
+        with pytest.raises(LogError, match=r"already exists; .*--overwrite"):
             exported(log, place, file_format)
         assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
         export_log(log, ExportSelection(tuple(log.tables.values())), file_format, place, True)

@@ -96,8 +96,8 @@ def test_the_real_ones() -> None:
     [
         (b"", ("empty",)),
         (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n", ("text", ".bin")),
-        (b"ULog\x01\x12\x35\x01" + bytes(20), ("ULog", "without a record")),
-        (b"#ROSBAG V2.0\n", ("ROS 1 bag", "no record")),
+        (b"ULog\x01\x12\x35\x01" + bytes(20), ("ULog", "without a readable record")),
+        (b"#ROSBAG V2.0\n", ("ROS 1 bag", "without a readable record")),
         (b"SQLite format 3\0" + bytes(20), ("SQLite",)),
         (gzip.compress(b"log", mtime=0), ("gzip", "gunzip")),
         (b"\xd4\xc3\xb2\xa1" + bytes(20), ("packets", ".tlog")),
@@ -130,12 +130,12 @@ def test_an_archive(tmp_path: Path) -> None:
 
 
 def test_places_without_a_file(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="no such file"):
+    with pytest.raises(LogError, match="does not exist"):
         open_log(tmp_path / "flight.bin")
-    with pytest.raises(LogError, match=r"is a directory; give a DataFlash"):
+    with pytest.raises(LogError, match=r"is a directory; choose a DataFlash"):
         open_log(tmp_path)
     (tmp_path / "autopilot.bin").touch()
-    with pytest.raises(LogError, match=r"is a directory; give a file of it, such as .*autopilot\.bin"):
+    with pytest.raises(LogError, match=r"is a directory; choose a file in it, such as .*autopilot\.bin"):
         open_log(tmp_path)
     (tmp_path / "run.mcap").touch()
     with pytest.raises(LogError, match=r"run\.mcap: is empty"):
@@ -145,7 +145,7 @@ def test_places_without_a_file(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="cannot be read"):
         open_log(tmp_path / ("x" * 300))
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(LogError, match="no regular file"):
+    with pytest.raises(LogError, match="not a regular file"):
         open_log(tmp_path / "pipe")
 
 

@@ -187,7 +187,7 @@ def test_any_bytes_behind_the_magic_are_survived(tmp_path: Path, tail: bytes) ->
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "not.mcap").write_bytes(b"MCAP0 not quite")
-    for name, words in (("not.mcap", "is no MCAP file"), ("none.mcap", "cannot be read"), (".", "cannot be read")):
+    for name, words in (("not.mcap", "is not an MCAP file"), ("none.mcap", "cannot be read"), (".", "cannot be read")):
         with pytest.raises(LogError, match=words):
             McapLog(tmp_path / name)
 

@@ -227,7 +227,7 @@ def test_it_overwrites_only_what_it_is_asked_to(tmp_path: Path, recordings: Path
     path.write_bytes(bytes_of(recordings, "LZ4")[:-25])
     out.write_bytes(b"mine")
     for wanted in (None, out, path):
-        with pytest.raises(LogError, match=r"is there already; .* --out, or add --overwrite"):
+        with pytest.raises(LogError, match=r"already exists; .* --out, or add --overwrite"):
             repaired(path, out=wanted, overwrite=False)
     assert (path.read_bytes(), out.read_bytes()) == (bytes_of(recordings, "LZ4")[:-25], b"mine")
     repaired(path, out=path)  # the damaged one itself

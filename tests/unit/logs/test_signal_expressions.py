@@ -63,7 +63,7 @@ def test_signals_of_several_messages_meet_at_the_times_of_the_densest() -> None:
     """What is linear in time stays so between the rows, a heading too where it goes through north."""
     found = signal("XKF1.VN - 0 * ATT.Yaw")
     assert (found.base, found.interpolated) == ("ATT", ("XKF1[0]",))
-    assert found.time_base == f"{found.name}: at the times of ATT, with XKF1[0] brought onto them"
+    assert found.time_base == f"{found.name}: at the times of ATT, with XKF1[0] resampled"
     assert_allclose(found.values, 3.0 + 0.1 * found.time_s, rtol=1e-9)
     assert found.time_s[0] >= 0.05  # the first row of XKF1
     course = signal("GPS.GCrs + 0 * ATT.Roll")
@@ -92,10 +92,10 @@ def test_nothing_is_made_up_in_a_pause() -> None:
 
 
 def test_what_is_probably_not_meant_is_noted(golden: Golden) -> None:
-    assert "wrap180(ATT.DesYaw - ATT.Yaw) is the short way round" in signal("ATT.DesYaw - ATT.Yaw").notes[0]
+    assert "wrap180(ATT.DesYaw - ATT.Yaw) gives the shorter angle" in signal("ATT.DesYaw - ATT.Yaw").notes[0]
     assert signal("wrap180(ATT.DesYaw - ATT.Yaw)").notes == ()
     golden("note", signal("sin(ATT.Roll)").notes)
-    assert signal("ATT.Roll + XKF1.VN").notes == ("ATT.Roll + XKF1.VN is of deg and m/s",)
+    assert signal("ATT.Roll + XKF1.VN").notes == ("ATT.Roll + XKF1.VN mixes deg and m/s",)
 
 
 @pytest.mark.parametrize(

@@ -170,7 +170,7 @@ def test_truncated(tmp_path: Path, cut: int) -> None:
 
 def test_refused(tmp_path: Path) -> None:
     for content in (w.MAGIC, w.MAGIC + b"\x01" + bytes(8), w.MAGIC + bytes(4000)):
-        with pytest.raises(LogError, match="without a record"):
+        with pytest.raises(LogError, match="without a readable record"):
             open_log(saved(tmp_path, content))
 
 

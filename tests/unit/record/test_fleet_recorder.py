@@ -64,12 +64,12 @@ def test_one_vessel_is_read_as_if_it_were_alone(fleet: Path) -> None:
 
 
 def test_a_vessel_that_is_not_there_is_refused_by_the_names_of_those_that_are(fleet: Path, tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="has no vessel 'gamma'; it is of alpha, beta"):
+    with pytest.raises(LogError, match="has no vessel 'gamma'; choose from alpha, beta"):
         open_log(fleet, "gamma")
     alone = Recorder(tmp_path / "alone.mcap", "lz4")
     alone.fix(1, 1.0, 2.0, 3.0)
     alone.close()
-    with pytest.raises(LogError, match="is of one vessel alone"):
+    with pytest.raises(LogError, match="has one vessel only"):
         open_log(tmp_path / "alone.mcap", "alpha")
     with open_log(tmp_path / "alone.mcap", "") as log:
         assert log.vessel == ""

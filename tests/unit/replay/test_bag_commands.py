@@ -77,7 +77,7 @@ def test_shares_are_commands_already(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        (thrusts((0.0, "/thrusters/left/cmd", 0.0)), "ever asked"),
+        (thrusts((0.0, "/thrusters/left/cmd", 0.0)), "all thruster commands are zero"),
         (thrusts((0.0, "/thrusters/left/cmd", 1.0), (0.5, "/thrusters/left/cmd", math.nan)), "at 0.500 s"),
         (thrusts((0.0, "/a/thrusters/left/cmd", 1.0), (0.5, "/b/thrusters/left/cmd", 1.0)), "one vessel"),
         (thrusts((0.0, "/speed", 1.0)), "mavros/rc/out"),

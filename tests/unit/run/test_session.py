@@ -67,7 +67,7 @@ def test_a_folder_that_is_taken_is_refused_before_a_live_output_is_made(
     monkeypatch.setattr(session, "live_outputs", lambda profiles: pytest.fail("ROS was entered"))
     (tmp_path / "run.mcap").touch()
     profile = load_profile("sitl", ["ros.enabled=true"])
-    with pytest.raises(UserError, match=r"already holds a run \(run.mcap\)"):
+    with pytest.raises(UserError, match=r"already contains a run \(run.mcap\)"):
         session.run(profile, tmp_path, False, NoDisplay)
 
 

@@ -80,7 +80,7 @@ def test_a_duration_is_reached_on_purpose_only_when_it_was_asked_for(
             "ground-station",
             False,
             True,
-            "duration reached, 3 of 6 waypoints, the vessel frozen all the time, as nobody armed it",
+            "duration reached, 3 of 6 waypoints, the vessel was never armed and stayed frozen",
         ),
     ],
 )

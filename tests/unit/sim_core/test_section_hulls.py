@@ -293,8 +293,8 @@ def flat_plate() -> trimesh.Trimesh:
 @pytest.mark.parametrize(
     ("shape", "problem"),
     [
-        (open_box(), "is not closed: 3 of its 18 edges belong to one triangle alone; close its holes"),
-        (one_face_turned(), "has triangles that face inward beside others that face outward"),
+        (open_box(), "is not closed: 3 of its 18 edges belong to a single triangle; close its holes"),
+        (one_face_turned(), "has triangles that face inward and others that face outward"),
         (flat_plate(), "encloses no volume"),
     ],
 )
@@ -313,8 +313,8 @@ def test_a_mesh_that_is_no_hull_is_refused(shape: trimesh.Trimesh, problem: str,
             ("mesh", "width_m"),
             "width_m = 2 does not fit .*, which is 4 x 1 x 0.6 m long, wide and deep; use 1",
         ),
-        ((1.0, 0.5), ("mesh", "depth_m"), "depth_m = 0.5 does not fit .*; use 0.6, or mend"),
-        ((1.0, 0.6, 5.0), ("length_m",), "length_m = 5 does not fit .*; use 4, or mend the mesh's scale or axes"),
+        ((1.0, 0.5), ("mesh", "depth_m"), "depth_m = 0.5 does not fit .*; use 0.6, or correct"),
+        ((1.0, 0.6, 5.0), ("length_m",), "length_m = 5 does not fit .*; use 4, or correct the mesh's scale or axes"),
     ],
 )
 def test_a_mesh_of_another_size_than_its_keys_is_refused(
@@ -352,12 +352,12 @@ def test_a_mesh_with_a_pointed_bow_has_its_volume_where_it_is(tmp_path: Path) ->
         (
             {"mass_kg": 800.0, "centre_of_gravity_frd_m": (0.0, 0.1, 0.1)},
             ("centre_of_gravity_frd_m",),
-            r"= \[0, 0.1, 0.1\] (lies with|finds no rest).*: the weight is 0.1 m to starboard of the buoyancy",
+            r"= \[0, 0.1, 0.1\] (lies with|has no position).*: the weight is 0.1 m to starboard of the buoyancy",
         ),
         (
             {"mass_kg": 800.0, "centre_of_gravity_frd_m": (-1.9, 0.0, 0.1)},
             ("centre_of_gravity_frd_m",),
-            r"= \[-1.9, 0, 0.1\] (lies with|finds no rest).*: the weight is 1.9 m behind the buoyancy",
+            r"= \[-1.9, 0, 0.1\] (lies with|has no position).*: the weight is 1.9 m behind the buoyancy",
         ),
     ],
 )  # fmt: skip
@@ -493,7 +493,7 @@ def test_the_pose_of_the_shipped_catamaran() -> None:
         ({"section": None}, "needs a section or a mesh; give one of the two"),
         (
             {"section": None, "mesh": HullMesh(file="x.stl", width_m=1, depth_m=1), "taper": ((-0.5, 1), (0.5, 0))},
-            "taper is of a section; a mesh has its own ends",
+            "taper is only for a section, because a mesh has its own ends",
         ),
     ],
 )

@@ -10,8 +10,7 @@ import pytest
 from vessels import FULL
 
 from sim_core.keys import SpecificationError
-from sim_core.vessel.definiteness import lacking_diagonal
-from sim_core.vessel.spec import AddedMass, CrossFlowDrag, Damping, Matrix
+from sim_core.vessel.spec import AddedMass, CrossFlowDrag, Damping, Matrix, lacking_diagonal
 
 FREE = replace(FULL, added_mass=AddedMass(), damping_linear=Damping(), damping_quadratic=Damping())
 
@@ -77,17 +76,17 @@ def diagonal(*entries: float, **others: float) -> Matrix:
         (
             {"added_mass_matrix": diagonal(5, 72, 216, 78, 95, 34, r2c6=60, r6c2=60)},
             "added_mass_matrix",
-            "is not positive definite: row 6, column 6 = 34 has to reach 50 ",
+            "is not positive definite: row 6, column 6 = 34 must be at least 50 ",
         ),
         (
             {"derivatives": {"Y_vdot": -72.0, "N_rdot": -34.0, "Y_rdot": -60.0, "N_vdot": -60.0}},
             "derivatives",
-            "is not positive definite: -N_rdot = 34 has to reach 50 ",
+            "is not positive definite: -N_rdot = 34 must be at least 50 ",
         ),
         (
             {"damping_linear_matrix": diagonal(5, 72, 216, 78, 95, 34, r2c6=150)},
             "damping_linear_matrix",
-            "is not positive semi-definite: row 6, column 6 = 34 has to reach 78.125",
+            "is not positive semi-definite: row 6, column 6 = 34 must be at least 78.125",
         ),
         ({"inertia_products_kgm2": (0.0, -30.0, 0.0)}, "inertia_products_kgm2", r"= \[0, -30, 0\] belong to no body"),
     ],

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.fit import ClockRelation, clock_relations, robust_line, robust_spread
 from xitl_cli.logs.clocks.readings import HOST, SIMULATION, UTC
-from xitl_cli.logs.clocks.time_line import LogPlacement, placement_from
+from xitl_cli.logs.clocks.time_line import NOT_ALIGNED, LogPlacement, placement_from
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Floats, Stamps, whole_ns
+from xitl_cli.logs.model.table import Floats, Stamps, rising, whole_ns
 from xitl_cli.logs.signals import armed, ground_speed, outputs, yaw, yaw_rate
 from xitl_cli.logs.signals.series import Series
 from xitl_cli.logs.signals.states import LOCKSTEP, first_text
@@ -71,18 +71,8 @@ def match_signals(
 
     about_ns, within_s: limit the search to shifts within `within_s` of `about_ns`.
     """
-    fine = _search(one, other, about_ns, within_s)
-    if fine is None:
-        return None
-    shift_ns, peak, chance, rival = fine
-    parts, at_ns = _parts(one, other, shift_ns)
-    return SignalMatch(shift_ns, peak, chance, rival, parts, at_ns)
-
-
-def _search(
-    one: Series, other: Series, about_ns: int | None, within_s: float | None
-) -> tuple[int, float, float, float] | None:
-    longest_s = max(float(each.stamp_ns[-1] - each.stamp_ns[0]) * 1e-9 for each in (one, other))
+    # Coarse search over all shifts.
+    longest_s = max(float(series.stamp_ns[-1] - series.stamp_ns[0]) * 1e-9 for series in (one, other))
     rate_hz = min(COARSE_HZ, MOST_SAMPLES / max(longest_s, 1.0))
     a, b = _even(one, rate_hz), _even(other, rate_hz)
     least = max(LEAST_OVERLAP_S * rate_hz, LEAST_SHARE * min(len(a), len(b)))
@@ -97,6 +87,7 @@ def _search(
         return None
     scores = np.where(allowed, values, -np.inf)
     best = int(np.argmax(scores))
+    # Values that chance and the second-best shift reach.
     independent = overlap * _independent(a, b)
     noise = 1.0 / np.sqrt(np.maximum(independent[best], 4.0))
     tries = max(float(np.sum(allowed)) * _independent(a, b), 2.0)
@@ -104,10 +95,13 @@ def _search(
     weight = np.sqrt(overlap / overlap[best])  # a short overlap correlates by chance
     away = allowed & (np.abs(lags - lags[best]) > RIVAL_AWAY_S * rate_hz)
     rival = float(np.max(np.where(away, values * np.minimum(weight, 1.0), 0.0), initial=0.0))
+    # Fine search about the best shift, over the whole record and in its parts.
     coarse_s = _peak(lags, scores, best) / rate_hz
     shift_ns = base_ns + round(coarse_s * 1e9)
     finer_s, peak = _finer(one, other, shift_ns)
-    return shift_ns + round(finer_s * 1e9), max(peak, float(values[best])), chance, rival
+    shift_ns += round(finer_s * 1e9)
+    parts, at_ns = _parts(one, other, shift_ns)
+    return SignalMatch(shift_ns, max(peak, float(values[best])), chance, rival, parts, at_ns)
 
 
 def _even(series: Series, rate_hz: float) -> Floats:
@@ -246,9 +240,9 @@ MOVES = {"deg/s": 1.0, "m/s": 0.2, "us": 15.0, "": 0.1}
 
 def shared_signals(one: Log, other: Log) -> Iterator[tuple[str, Series, Series]]:
     """Yield the shared signals with their names, the most distinctive first."""
-    for name, of in (("the turn rate", _turn_rate), ("the speed over ground", ground_speed)):
-        first = of(one)
-        second = None if first is None else of(other)
+    for name, signal_of in (("the turn rate", _turn_rate), ("the speed over ground", ground_speed)):
+        first = signal_of(one)
+        second = None if first is None else signal_of(other)
         if first is not None and second is not None:
             yield name, first, second
     ours, theirs = outputs(one), outputs(other)
@@ -282,8 +276,8 @@ def _arming_series(log: Log) -> Series | None:
         return None
     edge_ns = round(EDGE_S * 1e9)
     stamps, values = [span[0]], [0.0]
-    for each in spans:
-        for at_ns, value in ((each.from_ns, 1.0), (each.until_ns, 0.0)):
+    for armed_span in spans:
+        for at_ns, value in ((armed_span.from_ns, 1.0), (armed_span.until_ns, 0.0)):
             if stamps[-1] + edge_ns < at_ns < span[1]:
                 stamps += [at_ns - edge_ns // 2, at_ns + edge_ns // 2]
                 values += [values[-1], value]
@@ -296,8 +290,7 @@ def _arming_series(log: Log) -> Series | None:
 def moved_to_reference(series: Series, placement: LogPlacement) -> Series:
     """The series on the reference's time."""
     stamps = placement.on_reference(series.stamp_ns)
-    newest = np.maximum.accumulate(stamps)
-    ahead = np.concatenate(([True], stamps[1:] > newest[:-1]))
+    ahead = rising(stamps)
     return replace(series, stamp_ns=stamps[ahead], values=series.values[ahead])
 
 
@@ -307,7 +300,7 @@ def exceeds_noise(series: Series) -> bool:
     return bool(len(values) > 10 and float(np.std(values)) > MOVES.get(series.unit, np.inf))
 
 
-def offset_line(found: SignalMatch, span_ns: tuple[int, int]) -> tuple[int, int, float, float]:
+def offset_line(match: SignalMatch, span_ns: tuple[int, int]) -> tuple[int, int, float, float]:
     """Return the line of a match: instant of its offset (log's time), offset (ns), drift (1), and the error of both
     (s).
 
@@ -315,23 +308,23 @@ def offset_line(found: SignalMatch, span_ns: tuple[int, int]) -> tuple[int, int,
     end of the log.
     """
     middle_ns = (span_ns[0] + span_ns[1]) // 2
-    if len(found.parts) < 3:
-        spread_s = float(np.max(np.abs(found.parts), initial=0.0)) if len(found.parts) else 0.05
-        return middle_ns, found.shift_ns, 0.0, max(2.0 * spread_s, LEAST_ERROR_S, 0.02)
-    about_ns = int(np.mean(found.at_ns.astype(np.float64) - found.at_ns[0])) + int(found.at_ns[0])
-    x = (found.at_ns - about_ns).astype(np.float64) * 1e-9
-    slope, value_s = robust_line(x, found.parts)
-    error_s = found.parts - value_s - slope * x
+    if len(match.parts) < 3:
+        spread_s = float(np.max(np.abs(match.parts), initial=0.0)) if len(match.parts) else 0.05
+        return middle_ns, match.shift_ns, 0.0, max(2.0 * spread_s, LEAST_ERROR_S, 0.02)
+    about_ns = int(np.mean(match.at_ns.astype(np.float64) - match.at_ns[0])) + int(match.at_ns[0])
+    x = (match.at_ns - about_ns).astype(np.float64) * 1e-9
+    slope, value_s = robust_line(x, match.parts)
+    error_s = match.parts - value_s - slope * x
     count = len(x)
     sigma_s = max(float(np.sqrt(np.sum(error_s**2) / max(count - 2, 1))), 0.5 * LEAST_ERROR_S)
     slope_sigma = sigma_s / float(np.sqrt(np.sum(x * x)))
     far_s = max(abs(span_ns[0] - about_ns), abs(span_ns[1] - about_ns)) * 1e-9
     if abs(slope) < 3.0 * slope_sigma or abs(slope) > MOST_DRIFT:
-        value_s = float(np.median(found.parts))
-        sigma_s = max(float(np.std(found.parts)), sigma_s)
-        return about_ns, found.shift_ns + round(value_s * 1e9), 0.0, max(2.0 * sigma_s, LEAST_ERROR_S)
+        value_s = float(np.median(match.parts))
+        sigma_s = max(float(np.std(match.parts)), sigma_s)
+        return about_ns, match.shift_ns + round(value_s * 1e9), 0.0, max(2.0 * sigma_s, LEAST_ERROR_S)
     total_s = 2.0 * float(np.hypot(sigma_s / np.sqrt(count), slope_sigma * far_s))
-    return about_ns, found.shift_ns + round(value_s * 1e9), slope, max(total_s, LEAST_ERROR_S)
+    return about_ns, match.shift_ns + round(value_s * 1e9), slope, max(total_s, LEAST_ERROR_S)
 
 
 BOOT, AGENT = "the autopilot's clock", "the agent's clock"
@@ -369,16 +362,20 @@ def chains(reference: Log, log: Log) -> Iterator[ClockChain]:
     theirs, ours = ways(reference), ways(log)
     if any(_lockstep(*pair) for pair in ((reference, log), (log, reference))):
         yield ClockChain(
-            lambda stamp_ns: stamp_ns, (), 1e-3, "same clock", "in lockstep both are stamped with simulation time"
+            lambda stamp_ns: stamp_ns,
+            (),
+            1e-3,
+            "same clock",
+            "both are stamped with the simulation time of a lockstep run",
         )
     for mine in ours:
         for other in theirs:
             own_both = not mine.by and not other.by and mine.clock in (BOOT, AGENT)
-            if _same(mine.clock, other.clock) and not own_both:  # clocks of two boots are different clocks
+            if _is_same_clock(mine.clock, other.clock) and not own_both:  # clocks of two boots are different clocks
                 yield _joined(mine, other)
 
 
-def _same(one: str, other: str) -> bool:
+def _is_same_clock(one: str, other: str) -> bool:
     boots = (BOOT, AGENT, "autopilot ", "node ")
     if one.startswith("autopilot ") and other.startswith("autopilot "):
         return one == other
@@ -392,21 +389,20 @@ def _same(one: str, other: str) -> bool:
 
 
 def _joined(mine: _Way, other: _Way) -> ClockChain:
+    # A break of the other log on this log's time: the middle of the interval that this log's clock jumped over there.
+    breaks_ns = list(mine.breaks_ns)
+    for at_ns in other.breaks_ns:
+        ends, begins = mine.back(other.out(np.array([at_ns - 1, at_ns], dtype=np.int64))).tolist()
+        breaks_ns.append(int(begins - max(begins - ends, 0) // 2))
+    method = other.method if mine.by == "" else mine.method
     by = ", ".join(dict.fromkeys(part for part in (mine.by, other.by) if part))
     return ClockChain(
         lambda stamp_ns: other.back(mine.out(stamp_ns)),
-        (*mine.breaks_ns, *(_own(mine, other, at_ns) for at_ns in other.breaks_ns)),
+        tuple(breaks_ns),
         float(np.hypot(mine.error_s, other.error_s)),
-        "telemetry" if "telemetry" in (mine.method, other.method) else other.method if mine.by == "" else mine.method,
+        "telemetry" if "telemetry" in (mine.method, other.method) else method,
         f"over {other.clock}, by {by}" if by else f"both are stamped by {mine.clock}",
     )
-
-
-def _own(mine: _Way, other: _Way, at_ns: int) -> int:
-    """A break of the other log on this log's time: the middle of the interval that this log's clock jumped over
-    there."""
-    ends, begins = mine.back(other.out(np.array([at_ns - 1, at_ns], dtype=np.int64))).tolist()
-    return int(begins - max(begins - ends, 0) // 2)
 
 
 def _lockstep(reference: Log, log: Log) -> bool:
@@ -425,34 +421,37 @@ def _in_real_time(log: Log) -> bool:
 def ways(log: Log) -> list[_Way]:
     """Clocks to which the log's own time can be converted, its own first."""
     own = {"boot": BOOT if first_text(log, OURS) is None else AGENT, "simulation": SIMULATION, "utc": UTC}.get(log.base)
-    found: list[_Way] = []
+    known: list[_Way] = []
     if own is not None and log.format != "tlog":
-        found.append(_Way(own, _as_is, _as_is, (), 0.0, "clock records", ""))
+        known.append(_Way(own, _as_is, _as_is, (), 0.0, "clock records", ""))
     elif own is not None:  # the ground station's UTC is the clock of its computer
-        found.append(_Way(UTC, _as_is, _as_is, (), 0.5, "UTC", "the ground station's UTC"))
+        known.append(_Way(UTC, _as_is, _as_is, (), 0.5, "UTC", "the ground station's UTC"))
     fitted = clock_relations(log)
     host = next((relation for relation in fitted if relation.readings.key == "clocks.PS1"), None)
     boots = {relation.readings.first: relation for relation in fitted if relation.readings.key.startswith("boot.")}
     for relation in fitted:
-        way = _told(relation, boots) if relation.readings.key.startswith("system_time.") else _way(relation, host)
+        if relation.readings.key.startswith("system_time."):
+            way = _reported_utc(relation, boots)
+        else:
+            way = _way(relation, host)
         if way is not None:
-            found.append(way)
-    return found
+            known.append(way)
+    return known
 
 
-def _told(told: ClockRelation, boots: Mapping[str, ClockRelation]) -> _Way | None:
+def _reported_utc(reported: ClockRelation, boots: Mapping[str, ClockRelation]) -> _Way | None:
     """UTC as the autopilot reports it, converted through its own clock."""
-    boot = boots.get(told.readings.first)
+    boot = boots.get(reported.readings.first)
     if boot is None:
         return None
     return _Way(
         UTC,
-        lambda stamp_ns: told.to_second(boot.to_first(stamp_ns)),
-        lambda utc_ns: boot.to_second(told.to_first(utc_ns)),
+        lambda stamp_ns: reported.to_second(boot.to_first(stamp_ns)),
+        lambda utc_ns: boot.to_second(reported.to_first(utc_ns)),
         _breaks(boot, own_is_first=False),
-        float(np.hypot(_error_s(told), _error_s(boot))),
+        float(np.hypot(_error_s(reported), _error_s(boot))),
         "UTC",
-        f"{told.readings.message} ({told.readings.fields})",
+        f"{reported.readings.message} ({reported.readings.fields})",
     )
 
 
@@ -462,43 +461,38 @@ def _as_is(stamp_ns: Stamps) -> Stamps:
 
 def _way(relation: ClockRelation, host: ClockRelation | None) -> _Way | None:
     readings = relation.readings
-    key = readings.key
-    error_s = _error_s(relation)
+    key, error_s = readings.key, _error_s(relation)
     by = f"{readings.message} ({readings.fields})"
     if key == "clocks.PS1":
         return None
-    if key.startswith("clocks."):
-        node = key.removeprefix("clocks.")
-        clock = f"node {node}"
-        if readings.first == HOST and host is not None:
-            # Breaks of a node's clock, given on the host's clock, in simulation time.
-            at_host = np.array([step.first_ns for step in relation.steps], dtype=np.int64)
-            return _Way(
-                clock,
-                lambda stamp_ns: relation.to_second(host.to_second(stamp_ns)),
-                lambda node_ns: host.to_first(relation.to_first(node_ns)),
-                _breaks(host, own_is_first=True) + tuple(host.to_first(at_host).tolist()),
-                float(np.hypot(error_s, _error_s(host))),
-                "clock records",
-                by,
-            )
-        if readings.first == SIMULATION:
-            return _Way(
-                clock, relation.to_second, relation.to_first, _breaks(relation, True), error_s, "clock records", by
-            )
-        return None
-    if key.startswith("boot."):
+    node_clock = f"node {key.removeprefix('clocks.')}"
+    if key.startswith("clocks.") and readings.first != SIMULATION:
+        if readings.first != HOST or host is None:
+            return None
+        # Breaks of a node's clock, given on the host's clock, in simulation time.
+        at_host = np.array([step.first_ns for step in relation.steps], dtype=np.int64)
         return _Way(
-            readings.first, relation.to_first, relation.to_second, _breaks(relation, False), error_s, "telemetry", by
+            node_clock,
+            lambda stamp_ns: relation.to_second(host.to_second(stamp_ns)),
+            lambda node_ns: host.to_first(relation.to_first(node_ns)),
+            _breaks(host, own_is_first=True) + tuple(host.to_first(at_host).tolist()),
+            float(np.hypot(error_s, _error_s(host))),
+            "clock records",
+            by,
         )
-    if key.startswith("gps"):
-        return _Way(UTC, relation.to_first, relation.to_second, _breaks(relation, False), error_s, "UTC", by)
-    if key == "rtc":
-        return _Way(UTC, relation.to_second, relation.to_first, _breaks(relation, True), error_s, "UTC", by)
-    if key.startswith("samples."):
-        return _Way(
-            SIMULATION, relation.to_first, relation.to_second, _breaks(relation, False), error_s, "clock records", by
-        )
+    rules = (
+        # beginning of the key, the other clock, whether the log's own clock is the first one, method
+        ("clocks.", node_clock, True, "clock records"),
+        ("boot.", readings.first, False, "telemetry"),
+        ("gps", UTC, False, "UTC"),
+        ("rtc", UTC, True, "UTC"),
+        ("samples.", SIMULATION, False, "clock records"),
+    )
+    for beginning, clock, own_is_first, method in rules:
+        if key.startswith(beginning):
+            ways = (relation.to_second, relation.to_first)
+            out, back = ways if own_is_first else ways[::-1]
+            return _Way(clock, out, back, _breaks(relation, own_is_first), error_s, method, by)
     return None
 
 
@@ -540,7 +534,7 @@ def align_logs(logs: Sequence[Log]) -> list[LogPlacement]:
         return []
     reference = reference_of(logs)
     return [
-        LogPlacement(log, 0, 0.0, None, "reference", True, "its time is that of the report")
+        LogPlacement(log, 0, 0.0, None, "reference", True, "the report uses its time")
         if log is reference
         else _placed(reference, log)
         for log in logs
@@ -567,47 +561,45 @@ class _Check:
 def _placed(reference: Log, log: Log) -> LogPlacement:
     span_ns = log.span_ns
     if span_ns is None or reference.span_ns is None:
-        return _not_aligned(log, "one of the logs holds no stamped rows")
+        return _not_aligned(log, "one of the logs has no row with a time stamp")
     why: list[str] = []
     unchecked: LogPlacement | None = None
     for chain in sorted(chains(reference, log), key=lambda chain: chain.error_s):
-        found = placement_from(
-            log,
-            span_ns,
-            chain.to_reference,
-            chain.breaks_ns,
-            error_s=chain.error_s,
-            method=chain.method,
-            sentence=chain.sentence,
-        )
-        if _apart(reference, found):
-            unchecked = unchecked or _with_sentence(found, f"{found.sentence}; they do not overlap: not of one run")
+        about = {"error_s": chain.error_s, "method": chain.method, "sentence": chain.sentence}
+        placement = placement_from(log, span_ns, chain.to_reference, chain.breaks_ns, **about)
+        if _apart(reference, placement):
+            unchecked = unchecked or _with_sentence(
+                placement, f"{placement.sentence}; the logs do not overlap in time, so they are not of one run"
+            )
             continue
-        check = _check(reference, log, found)
+        check = _check(reference, log, placement)
         if check.contradicts:
-            why.append(f"{chain.method} would put it where {check.signal} of both does not agree")
+            why.append(f"{chain.method} gives a place where {check.signal} does not agree in both")
             continue
         if check.away_s is None:
-            unchecked = unchecked or found
+            unchecked = unchecked or placement
             continue
         seconds = abs(check.away_s)
-        length = (
-            f"{seconds * 1e6:.0f} us"
-            if seconds < 1e-3
-            else (f"{seconds * 1e3:.0f} ms" if seconds < 1.0 else f"{seconds:.1f} s")
-        )
-        return _with_sentence(found, f"{found.sentence}; {check.signal} of both agrees to {length}")
+        if seconds < 1e-3:
+            length = f"{seconds * 1e6:.0f} us"
+        else:
+            length = f"{seconds * 1e3:.0f} ms" if seconds < 1.0 else f"{seconds:.1f} s"
+        return _with_sentence(placement, f"{placement.sentence}; {check.signal} of both agrees to {length}")
     if unchecked is not None and unchecked.method == "UTC" and _apart(reference, unchecked):
         return unchecked
     correlated = align_by_signal(reference, log)
     if correlated is not None and correlated.aligned:
-        doubt = "; its clock records do not fit there: perhaps of another run of the same mission" if why else ""
+        doubt = "; its clock records contradict this, so it may be of another run of the same mission" if why else ""
         return _with_sentence(correlated, correlated.sentence + doubt)
     if unchecked is not None:
         if _apart(reference, unchecked):
             return unchecked
-        return _with_sentence(unchecked, f"{unchecked.sentence}; no signal that both hold could check it")
-    why.append(correlated.sentence if correlated is not None else "they share no signal that could be compared")
+        return _with_sentence(unchecked, f"{unchecked.sentence}; no shared signal could check it")
+    why.append(
+        correlated.sentence.removeprefix(NOT_ALIGNED)
+        if correlated is not None
+        else "the logs share no signal that can be compared"
+    )
     return _not_aligned(log, "; ".join(why))
 
 
@@ -624,16 +616,16 @@ def _check(reference: Log, log: Log, placement: LogPlacement) -> _Check:
     tried = ""
     for name, one, other in shared_signals(reference, log):
         moved = moved_to_reference(other, placement)
-        found = match_signals(one, moved, 0, CHECK_WITHIN_S)
-        if found is None:
+        near = match_signals(one, moved, 0, CHECK_WITHIN_S)
+        if near is None:
             continue
-        away_s = found.shift_ns * 1e-9
-        if found.peak > max(0.4, found.chance) and abs(away_s) < placement_margin_s(placement):
+        away_s = near.shift_ns * 1e-9
+        if near.peak > max(0.4, near.chance) and abs(away_s) < placement_margin_s(placement):
             return _Check(name, away_s)
         wide = match_signals(one, moved)
         if wide is not None and wide.sure and abs(wide.shift_ns) * 1e-9 > placement_margin_s(placement):
             return _Check(name, None, contradicts=True)
-        if exceeds_noise(one) and exceeds_noise(other) and found.peak < CONTRADICTED:
+        if exceeds_noise(one) and exceeds_noise(other) and near.peak < CONTRADICTED:
             tried = tried or name
     return _Check(tried, None, contradicts=bool(tried))
 
@@ -645,25 +637,23 @@ def placement_margin_s(placement: LogPlacement) -> float:
 
 def align_by_signal(reference: Log, log: Log) -> LogPlacement | None:
     """Align by the signal with the clearest peak. None if no signal can be compared."""
-    found: list[tuple[float, str, SignalMatch]] = []
+    sure: list[tuple[float, str, SignalMatch]] = []
     doubtful: list[tuple[float, str, SignalMatch]] = []
     for name, one, other in shared_signals(reference, log):
         match = match_signals(one, other)
         if match is None:
             continue
-        (found if match.sure else doubtful).append((match.peak, name, match))
+        (sure if match.sure else doubtful).append((match.peak, name, match))
         if match.sure and match.peak > 0.9:
             break
-    if found:
-        _, name, match = max(found, key=lambda each: each[0])
+    if sure:
+        _, name, match = max(sure, key=lambda entry: entry[0])
         return _correlated_placement(log, name, match)
     if doubtful:
-        peak, name, match = max(doubtful, key=lambda each: each[0])
+        peak, name, match = max(doubtful, key=lambda entry: entry[0])
         if match.rival >= 0.85 * match.peak:
-            return _not_aligned(log, f"{name} fits in more than one place ({peak:.2f} and {match.rival:.2f})")
-        return _not_aligned(
-            log, f"{name} fits nowhere better ({peak:.2f}) than chance would have it ({match.chance:.2f})"
-        )
+            return _not_aligned(log, f"{name} fits at more than one offset ({peak:.2f} and {match.rival:.2f})")
+        return _not_aligned(log, f"{name} fits no better ({peak:.2f}) than by chance ({match.chance:.2f})")
     return None
 
 
@@ -691,4 +681,4 @@ def _with_sentence(placement: LogPlacement, sentence: str) -> LogPlacement:
 
 
 def _not_aligned(log: Log, why: str) -> LogPlacement:
-    return LogPlacement(log, 0, 0.0, None, "not aligned", False, f"not aligned: {why}")
+    return LogPlacement(log, 0, 0.0, None, "not aligned", False, NOT_ALIGNED + why)

@@ -115,9 +115,6 @@ class ClockStep:
     size_s: float
     """Growth of the offset; 0 if only the rate changed."""
 
-    def resized(self, size_s: float) -> ClockStep:
-        return replace(self, size_s=size_s)
-
 
 def find_steps(readings: ClockReadings) -> tuple[ClockStep, ...]:
     """Find steps and bends, in order: at most 64 steps, and at most 4 bends in each part between them."""
@@ -125,13 +122,13 @@ def find_steps(readings: ClockReadings) -> tuple[ClockStep, ...]:
         return ()
     jumps = _jumps(readings)
     cuts = [0, *(index for index, _ in jumps), len(readings)]
-    found = dict(jumps)
+    sizes_s = dict(jumps)
     for begin, end in pairwise(cuts):
         for index in _bends(readings[begin:end], BENDS):
-            found[begin + index] = 0.0
+            sizes_s[begin + index] = 0.0
     return tuple(
         ClockStep(index, int(readings.at_ns[index]), int(readings.first_ns[index]), size_s)
-        for index, size_s in sorted(found.items())
+        for index, size_s in sorted(sizes_s.items())
     )
 
 
@@ -157,7 +154,7 @@ def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
     least_s = LEAST_DELAYED_S if readings.late and readings.floor_ns is None else LEAST_STEP_S
     least_s = max(least_s, 3.0 * max(readings.resolution_s, readings.slack_s), STRENGTH * robust_spread(jump))
     strong = np.abs(jump - np.median(jump)) > least_s
-    found: list[tuple[int, float]] = []
+    jumps: list[tuple[int, float]] = []
     single = np.diff(y)
     for begin, end in runs(strong):
         peak = begin + int(np.argmax(np.abs(jump[begin:end])))
@@ -175,10 +172,10 @@ def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
             settled = y[low:high] < float(before[max(begin - 1, 0)]) + SETTLED * size_s
             index = max(index, low + int(np.flatnonzero(settled)[-1]) + 1) if settled.any() else index
         if not readings.late or _lasts(readings, x, y, min(first, index), max(last, index), size_s):
-            found.append((index, size_s))
+            jumps.append((index, size_s))
     if readings.late or side == 1:
-        found = _without_bursts(found, x)
-    return sorted(sorted(found, key=lambda one: -abs(one[1]))[:MOST_STEPS])
+        jumps = _without_bursts(jumps, x)
+    return sorted(sorted(jumps, key=lambda jump: -abs(jump[1]))[:MOST_STEPS])
 
 
 def _lasts(readings: ClockReadings, x: Floats, y: Floats, first: int, last: int, size_s: float) -> bool:
@@ -204,18 +201,18 @@ def _lasts(readings: ClockReadings, x: Floats, y: Floats, first: int, last: int,
     return bool(floor_ns[later].max() > ceiling_ns[earlier].min())
 
 
-def _without_bursts(found: list[tuple[int, float]], x: Floats) -> list[tuple[int, float]]:
+def _without_bursts(jumps: list[tuple[int, float]], x: Floats) -> list[tuple[int, float]]:
     """The steps without pairs that cancel each other within a short time."""
-    kept: list[tuple[int, float]] = []
-    for index, size_s in found:
-        if kept:
-            last, last_s = kept[-1]
+    lasting: list[tuple[int, float]] = []
+    for index, size_s in jumps:
+        if lasting:
+            last, last_s = lasting[-1]
             soon = x[min(index, len(x) - 1)] - x[last] < BURST_S
             if soon and last_s * size_s < 0.0 and abs(size_s + last_s) < CAME_BACK * abs(last_s):
-                kept.pop()
+                lasting.pop()
                 continue
-        kept.append((index, size_s))
-    return kept
+        lasting.append((index, size_s))
+    return lasting
 
 
 def _bends(readings: ClockReadings, most: int) -> list[int]:
@@ -244,7 +241,7 @@ def _bends(readings: ClockReadings, most: int) -> list[int]:
     index = int(np.searchsorted(readings.first_ns, thin.first_ns[best]))
     left = _bends(readings[:index], most - 1)
     right = _bends(readings[index:], most - 1)
-    return [*left, index, *(index + one for one in right)]
+    return [*left, index, *(index + bend for bend in right)]
 
 
 def _squares(x: Floats, y: Floats) -> Floats:
@@ -382,18 +379,15 @@ def fit_relation(readings: ClockReadings) -> ClockRelation | None:
         pieces.append(piece)
         residual_s[begin:end] = (part.offset_ns - piece.offset_at(part.first_ns)).astype(np.float64) * 1e-9
     window_s, window_ns, window_ppm = _windows(readings, cuts)
-    placed = tuple(_with_size(step, pieces[i], pieces[i + 1]) for i, step in enumerate(steps))
-    return ClockRelation(readings, tuple(pieces), placed, residual_s, window_s, window_ns, window_ppm)
-
-
-def _with_size(step: ClockStep, before: FitPiece, after: FitPiece) -> ClockStep:
-    """The step with the size from the lines on both sides, if they have enough readings: it errs less than single
-    readings."""
-    if min(before.readings, after.readings) < 2 * IN_WINDOW:
-        return step
-    at = np.array([after.from_ns], dtype=np.int64)
-    size_s = float(after.offset_at(at)[0] - before.offset_at(at)[0]) * 1e-9
-    return step if abs(size_s - step.size_s) > 0.2 * abs(step.size_s) else step.resized(size_s)
+    # The lines on both sides give the size of a step better than single readings, if they have enough readings.
+    sized: list[ClockStep] = []
+    for step, (before, after) in zip(steps, pairwise(pieces), strict=True):
+        at = np.array([after.from_ns], dtype=np.int64)
+        size_s = float(after.offset_at(at)[0] - before.offset_at(at)[0]) * 1e-9
+        enough = min(before.readings, after.readings) >= 2 * IN_WINDOW
+        similar = abs(size_s - step.size_s) <= 0.2 * abs(step.size_s)
+        sized.append(replace(step, size_s=size_s) if enough and similar else step)
+    return ClockRelation(readings, tuple(pieces), tuple(sized), residual_s, window_s, window_ns, window_ppm)
 
 
 def _piece(readings: ClockReadings) -> FitPiece:
@@ -412,17 +406,8 @@ def _piece(readings: ClockReadings) -> FitPiece:
     residual_s = robust_spread(away_s) if readings.late else float(np.std(away_s))
     if offset_error_s is None:
         offset_error_s = float(np.max(np.abs(away_s)))
-    return FitPiece(
-        piece.from_ns,
-        piece.until_ns,
-        about_ns,
-        offset_ns,
-        piece.slope_ppm,
-        error_ppm,
-        max(offset_error_s, readings.resolution_s / np.sqrt(12.0)),
-        residual_s,
-        len(readings),
-    )
+    offset_error_s = max(offset_error_s, readings.resolution_s / np.sqrt(12.0))
+    return replace(piece, offset_error_s=offset_error_s, residual_s=residual_s)
 
 
 def _fit(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[float, float]:
@@ -489,8 +474,7 @@ def clock_relations(log: Log) -> tuple[ClockRelation, ...]:
     """Fit every pair of clocks that has enough readings. The result is cached as long as the log exists."""
     if isinstance(log, AlignedLog):  # the same rows and stamps
         log = log.inner
-    found = _known.get(log)
-    if found is None:
-        found = tuple(one for readings in clock_readings(log) if (one := fit_relation(readings)) is not None)
-        _known[log] = found
-    return found
+    if log not in _known:
+        fits = map(fit_relation, clock_readings(log))
+        _known[log] = tuple(relation for relation in fits if relation is not None)
+    return _known[log]

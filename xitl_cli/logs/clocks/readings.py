@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, by_instance, first_of
+from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, by_instance, first_of, rising
 from xitl_cli.logs.signals import px4
 
 
@@ -84,9 +84,7 @@ class ClockReadings:
     def in_order(self) -> ClockReadings:
         """Readings without values that the first clock repeats or shows out of order; values after a step back are
         omitted."""
-        newest = np.maximum.accumulate(self.first_ns)
-        ahead = np.ones(len(self), dtype=np.bool_)
-        ahead[1:] = self.first_ns[1:] > newest[:-1]
+        ahead = rising(self.first_ns)
         return self if ahead.all() else self[ahead]
 
     def thinned(self, most: int) -> ClockReadings:
@@ -135,21 +133,26 @@ def boot_clock(system: int | str) -> str:
 def clock_readings(log: Log) -> list[ClockReadings]:
     """Every pair of clocks in this log with at least three readings."""
     by_format = {"dataflash": _from_dataflash, "tlog": _from_telemetry}
-    return [found for found in by_format.get(log.format, _from_recording)(log) if len(found) >= FEWEST]
+    return [readings for readings in by_format.get(log.format, _from_recording)(log) if len(readings) >= FEWEST]
 
 
 def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
-    sampled = _sampled(log)
-    if sampled is not None:  # in logs of xitl: to the microsecond, whereas GPS time is in milliseconds
-        yield sampled
+    for name in SAMPLED:  # in logs of xitl: to the microsecond, whereas GPS time is in milliseconds
+        sensor = log.tables.get(name)
+        if sensor is not None and "SampleUS" in sensor.columns:
+            sampled_ns, stamps = whole_numbers(sensor, "SampleUS") * 1000, sensor.stamp_ns
+            clocks = f"samples.{name}", "the sensors' clock", AUTOPILOT
+            fields = "SampleUS, TimeUS"
+            yield ClockReadings(*clocks, stamps, sampled_ns, stamps, name, fields, late=True, resolution_s=1e-6)
+            break
     gps = log.tables.get("GPS")
     if gps is not None:
         arrival = log.tables.get("GPA")
         arrivals = {} if arrival is None else by_instance(arrival)
         for number, table in by_instance(gps).items():
-            found = _gps_time(number, table, arrivals.get(number))
-            if found is not None:
-                yield found
+            readings = _gps_time(number, table, arrivals.get(number))
+            if readings is not None:
+                yield readings
     performance = log.tables.get("PM")
     if performance is not None and "R" in performance.columns:
         utc_ns = whole_numbers(performance, "R") * 1000
@@ -157,17 +160,6 @@ def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
         stamps = performance.stamp_ns
         clocks = "rtc", AUTOPILOT, UTC
         yield ClockReadings(*clocks, stamps, stamps, utc_ns, "PM", "TimeUS, R", resolution_s=1e-6)[known]
-
-
-def _sampled(log: Log) -> ClockReadings | None:
-    for name in SAMPLED:
-        sensor = log.tables.get(name)
-        if sensor is not None and "SampleUS" in sensor.columns:
-            sampled_ns, stamps = whole_numbers(sensor, "SampleUS") * 1000, sensor.stamp_ns
-            clocks = f"samples.{name}", "the sensors' clock", AUTOPILOT
-            fields = "SampleUS, TimeUS"
-            return ClockReadings(*clocks, stamps, sampled_ns, stamps, name, fields, late=True, resolution_s=1e-6)
-    return None
 
 
 def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings | None:
@@ -207,7 +199,7 @@ def _from_recording(log: Log) -> Iterator[ClockReadings]:
     if clocks is not None and {"node", "host_ns", "node_ns", "round_trip_s"} <= set(clocks.columns):
         exchanges = list(_exchanges(clocks))
     yield from exchanges
-    if all(each.key == "clocks.PS1" for each in exchanges):  # exchanges measure a clock better than arrivals
+    if all(readings.key == "clocks.PS1" for readings in exchanges):  # exchanges measure a clock better than arrivals
         yield from _boot_clocks(log, SIMULATION if log.base == "simulation" else LOG)
     yield from _header_stamps(log)
 
@@ -246,20 +238,17 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
 
 def _header_stamps(log: Log) -> Iterator[ClockReadings]:
     """Header stamps of messages against the time of recording, unless they are equal by construction."""
-    found = 0
+    topics = 0
     for name, table in log.tables.items() if log.base != "simulation" else ():
         heavy = any(column.kind == "bytes" or -1 in column.shape for column in table.columns.values())
-        if STAMP not in table.columns or heavy or len(table) > LONGEST_TOPIC or found == MOST_TOPICS:
+        if STAMP not in table.columns or heavy or len(table) > LONGEST_TOPIC or topics == MOST_TOPICS:
             continue
-        said_ns = whole_numbers(table, STAMP)
-        late_ns = table.stamp_ns - said_ns
-        if not len(late_ns) or not late_ns.any():
+        header_ns, at_ns = whole_numbers(table, STAMP), table.stamp_ns
+        if not len(at_ns) or not (at_ns - header_ns).any():
             continue
-        found += 1
-        clocks = f"header.{name}", f"stamps of {name}", LOG
-        yield ClockReadings(
-            *clocks, table.stamp_ns, said_ns, table.stamp_ns, name, f"{STAMP}, log_time", late=True, resolution_s=1e-9
-        )
+        topics += 1
+        clocks, fields = (f"header.{name}", f"stamps of {name}", LOG), f"{STAMP}, log_time"
+        yield ClockReadings(*clocks, at_ns, header_ns, at_ns, name, fields, late=True, resolution_s=1e-9)
 
 
 def _from_telemetry(log: Log) -> Iterator[ClockReadings]:
@@ -269,16 +258,10 @@ def _from_telemetry(log: Log) -> Iterator[ClockReadings]:
             utc_ns = whole_numbers(table, "time_unix_usec") * 1000
             known = (utc_ns > EARLIEST_UTC_NS) & (utc_ns < LATEST_UTC_NS)
             boot_ns = whole_numbers(table, "time_boot_ms") * 1_000_000
-            clocks = f"system_time.{system}", boot_clock(system), UTC
-            yield ClockReadings(
-                *clocks,
-                table.stamp_ns,
-                boot_ns,
-                utc_ns,
-                "SYSTEM_TIME",
-                "time_boot_ms, time_unix_usec",
-                resolution_s=1e-3,
-            )[known]
+            clocks, fields = (f"system_time.{system}", boot_clock(system), UTC), "time_boot_ms, time_unix_usec"
+            yield ClockReadings(*clocks, table.stamp_ns, boot_ns, utc_ns, "SYSTEM_TIME", fields, resolution_s=1e-3)[
+                known
+            ]
     for system, table in _by_system(log.tables.get("TIMESYNC")):
         if not {"tc1", "ts1"} <= set(table.columns):
             continue
@@ -318,21 +301,14 @@ def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
         for system, mine in _by_system(table):
             boot_ns = whole_numbers(mine, "time_boot_ms") * 1_000_000
             parts.setdefault((link, system), []).append((boot_ns, mine.stamp_ns, mine.file_offset))
-    for (link, system), found in sorted(parts.items()):
-        boot_ns, at_ns, place = (np.concatenate(each) for each in zip(*found, strict=True))
+    for (link, system), tables in sorted(parts.items()):
+        boot_ns, at_ns, place = (np.concatenate(arrays) for arrays in zip(*tables, strict=True))
         order = np.argsort(place, kind="stable")
         known = order[boot_ns[order] > 0]
         clocks = f"boot.{system}.{link}" if link else f"boot.{system}", boot_clock(system), arrival
-        yield ClockReadings(
-            *clocks,
-            at_ns[known],
-            boot_ns[known],
-            at_ns[known],
-            f"{link}:*" if link else "*",
-            "time_boot_ms",
-            late=True,
-            resolution_s=1e-3,
-        )
+        stamps = at_ns[known], boot_ns[known], at_ns[known]
+        message = f"{link}:*" if link else "*"
+        yield ClockReadings(*clocks, *stamps, message, "time_boot_ms", late=True, resolution_s=1e-3)
 
 
 def whole_numbers(table: Table, column: str) -> Stamps:
@@ -370,7 +346,7 @@ def utc_offset(log: Log) -> UtcOffset | None:
     """
     if log.base == "utc":
         return UtcOffset(0, "of the receiving machine")
-    for source, stamp_ns, utc_ns in _told(log):
+    for source, stamp_ns, utc_ns in _utc_sources(log):
         known = (utc_ns > EARLIEST_UTC_NS) & (utc_ns < LATEST_UTC_NS)
         if known.any():
             offset_ns = np.sort(utc_ns[known] - stamp_ns[known])
@@ -385,10 +361,11 @@ def in_utc(stamp_ns: Stamps, utc: UtcOffset | None) -> Stamps:
     return np.minimum(stamp_ns, np.iinfo(np.int64).max - max(utc.offset_ns, 0)) + utc.offset_ns
 
 
-def _told(log: Log) -> Iterator[tuple[str, Stamps, Stamps]]:
+def _utc_sources(log: Log) -> Iterator[tuple[str, Stamps, Stamps]]:
     """Yield source, stamps and UTC at each stamp, without a plausibility check."""
-    if (told := px4.utc(log)) is not None:
-        yield "by GPS", *told
+    px4_utc = px4.utc(log)
+    if px4_utc is not None:
+        yield "by GPS", *px4_utc
     gps = log.tables.get("GPS")
     if gps is not None and "Status" in gps.columns:
         week, ms = first_of(gps, ("GWk", "Week")), first_of(gps, ("GMS", "TimeMS"))
@@ -400,14 +377,10 @@ def _told(log: Log) -> Iterator[tuple[str, Stamps, Stamps]]:
     performance = log.tables.get("PM")
     if performance is not None and "R" in performance.columns:
         yield "by PM.R", performance.stamp_ns, whole_numbers(performance, "R") * 1000
-    for table in _system_times(log):
-        if "time_unix_usec" in table.columns:
+    names = ["SYSTEM_TIME"]
+    if log.of_topics:
+        names += [f"{topic}:SYSTEM_TIME" for topic in log.tables if topic.endswith(_RECEIVED)]
+    for name in names:
+        table = log.tables.get(name)
+        if table is not None and "time_unix_usec" in table.columns:
             yield "by SYSTEM_TIME", table.stamp_ns, whole_numbers(table, "time_unix_usec") * 1000
-
-
-def _system_times(log: Log) -> Iterator[Table]:
-    if "SYSTEM_TIME" in log.tables:
-        yield log.tables["SYSTEM_TIME"]
-    for topic in log.tables if log.of_topics else ():
-        if topic.endswith(_RECEIVED) and f"{topic}:SYSTEM_TIME" in log.tables:
-            yield log.tables[f"{topic}:SYSTEM_TIME"]

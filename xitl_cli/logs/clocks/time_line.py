@@ -17,6 +17,8 @@ from xitl_cli.logs.signals.states import armed
 StampMap = Callable[[Stamps], Stamps]
 
 _EDGE_NS = 1000  # a break is known to a nanosecond or two
+NOT_ALIGNED = "not aligned: "
+"""Beginning of the sentence of a log that is not aligned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +69,15 @@ class LogPlacement:
 
 
 def placement_from(
-    log: Log, span_ns: tuple[int, int], to_reference: StampMap, breaks_ns: Sequence[int], **said: object
+    log: Log, span_ns: tuple[int, int], to_reference: StampMap, breaks_ns: Sequence[int], **about: object
 ) -> LogPlacement:
-    """Build a placement from a function that is linear between `breaks_ns` (the log's own time)."""
+    """Build a placement from a function that is linear between `breaks_ns` (the log's own time).
+
+    about: error, method and sentence of the placement.
+    """
     begin, end = span_ns
-    inside = sorted({one for one in breaks_ns if begin < one < end})
-    bounds = [begin, *inside, max(end, begin + 1)]
+    breaks = sorted({at_ns for at_ns in breaks_ns if begin < at_ns < end})
+    bounds = [begin, *breaks, max(end, begin + 1)]
     stretches: list[Stretch] = []
     for from_ns, until_ns in pairwise(bounds):
         edge_ns = min(_EDGE_NS, (until_ns - from_ns) // 4)
@@ -88,7 +93,7 @@ def placement_from(
         longest.drift_ppm,
         reference=False,
         stretches=tuple(stretches),
-        **said,  # type: ignore[arg-type]
+        **about,  # type: ignore[arg-type]
     )
 
 

@@ -29,7 +29,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
 from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals import Series, SignalSource, StateSpan
-from xitl_cli.logs.signals.series import column_series, first_series
+from xitl_cli.logs.signals.series import column_series
 from xitl_cli.logs.signals.states import pulses
 
 
@@ -110,33 +110,32 @@ def difference_or_reason(name: str, a: Series | None, b: Series | None, pairing:
     return signal_difference(name, a, b, pairing) or f"{_capital(name)} has no common time in both."
 
 
-def difference_grid(key: str, found: Sequence[SignalDifference]) -> tuple[Grid, ...]:
+def difference_grid(key: str, differences: Sequence[SignalDifference]) -> tuple[Grid, ...]:
     """One row per difference; empty without differences."""
-    return (Grid(f"{key}.differences", "B less A", _COLUMNS, tuple(map(_row, found))),) if found else ()
+    rows: list[tuple[Value, ...]] = []
+    for pair in differences:
+        lag_s = None if pair.lag_s is None else round(pair.lag_s, 3) + 0.0
+        correlation = None if pair.correlation is None else round(pair.correlation, 4)
+        numbers = (float(f"{figure:.4g}") for figure in (pair.iae, pair.rms, pair.most, pair.mean))
+        rows.append((pair.name, pair.unit, *numbers, lag_s, correlation))
+    return (Grid(f"{key}.differences", "B less A", _COLUMNS, tuple(rows)),) if rows else ()
 
 
-def difference_plot(key: str, found: SignalDifference) -> Plot:
+def difference_plot(key: str, pair: SignalDifference) -> Plot:
     return Plot(
-        f"{key}.{found.name.replace(' ', '_')}",
-        _capital(found.name),
-        found.unit or "command",
+        f"{key}.{pair.name.replace(' ', '_')}",
+        _capital(pair.name),
+        pair.unit or "command",
         (
-            Trace(f"A ({found.sources[0]})", found.stamp_ns, _unbroken(found, found.a)),
-            Trace(f"B ({found.sources[1]})", found.stamp_ns, _unbroken(found, found.b)),
+            Trace(f"A ({pair.sources[0]})", pair.stamp_ns, _unbroken(pair.unit, pair.a)),
+            Trace(f"B ({pair.sources[1]})", pair.stamp_ns, _unbroken(pair.unit, pair.b)),
         ),
     )
 
 
-def _row(found: SignalDifference) -> tuple[Value, ...]:
-    lag_s = None if found.lag_s is None else round(found.lag_s, 3) + 0.0
-    alike = None if found.correlation is None else round(found.correlation, 4)
-    numbers = (float(f"{each:.4g}") for each in (found.iae, found.rms, found.most, found.mean))
-    return (found.name, found.unit, *numbers, lag_s, alike)
-
-
-def _unbroken(found: SignalDifference, values: Floats) -> Floats:
+def _unbroken(unit: str, values: Floats) -> Floats:
     """Values without the line across the plot at the step from 360 to 0."""
-    if found.unit != "deg" or np.ptp(values) < 180.0:
+    if unit != "deg" or np.ptp(values) < 180.0:
         return values
     drawn = values.astype(np.float64).copy()
     drawn[1:][np.abs(np.diff(values)) > 180.0] = np.nan
@@ -149,53 +148,52 @@ def _capital(text: str) -> str:
 
 def motion_section(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: SignalSource) -> Section | None:
     """Speed over ground, yaw, altitude, roll, pitch, and the height of the estimators' origins if both log it."""
-    found, lacks = [], []
+    differences, lacks = [], []
     for name, in_a, in_b in (
         ("speed over ground", signals.ground_speed(a, of_a), signals.ground_speed(b, of_b)),
         ("yaw", signals.yaw(a, of_a), signals.yaw(b, of_b)),
         ("altitude", _altitude(a, of_a), _altitude(b, of_b)),
         ("roll", signals.roll(a, of_a), signals.roll(b, of_b)),
         ("pitch", signals.pitch(a, of_a), signals.pitch(b, of_b)),
-        ("EKF origin height", *_origin_heights(a, b)),
+        ("EKF origin height", _origin_height(a), _origin_height(b)),
     ):
         both = difference_or_reason(name, in_a, in_b, pairing)
         if not isinstance(both, str):
-            found.append(both)
+            differences.append(both)
         elif name != "EKF origin height":
             lacks.append(both)
-    if not found and not lacks:
+    if not differences and not lacks:
         return None
-    plots = tuple(difference_plot("motion", each) for each in found)
-    return Section("motion", "Motion", grids=difference_grid("motion", found), plots=plots, lacks=tuple(lacks))
+    plots = tuple(difference_plot("motion", pair) for pair in differences)
+    return Section("motion", "Motion", grids=difference_grid("motion", differences), plots=plots, lacks=tuple(lacks))
 
 
 def _altitude(log: Log, of: SignalSource) -> Series | None:
-    found = signals.position_geodetic(log, of)
-    if found is None:
+    place = signals.position_geodetic(log, of)
+    if place is None:
         return None
-    return Series(found.stamp_ns, found.values[:, 2], "m", f"{found.source} altitude", dropped=found.dropped)
+    return Series(place.stamp_ns, place.values[:, 2], "m", f"{place.source} altitude", dropped=place.dropped)
 
 
-def _origin_heights(a: Log, b: Log) -> tuple[Series | None, Series | None]:
-    in_a, in_b = (
-        first_series(
-            log, lambda log: column_series(log, "XKF1", "OH", "m"), lambda log: column_series(log, "NKF1", "OH", "m")
-        )
-        for log in (a, b)
-    )
-    return in_a, in_b
-
-
-_Channels = dict[int, Series]
+def _origin_height(log: Log) -> Series | None:
+    height = column_series(log, "XKF1", "OH", "m")
+    return column_series(log, "NKF1", "OH", "m") if height is None else height
 
 
 def channel_section(a: Log, b: Log, pairing: Pairing) -> Section | None:
     """Differences of channels. Channels that are constant in both are a fact, not a row. None if neither log has
     any."""
-    found: list[SignalDifference] = []
+    differences: list[SignalDifference] = []
     facts: list[Fact] = []
     lacks: list[str] = []
-    for words, in_a, in_b in (("output", *_outputs(a, b)), ("RC input", signals.rc_inputs(a), signals.rc_inputs(b))):
+    # Outputs in one unit if both logs have it: commands, else pulse widths.
+    outputs_a, outputs_b = signals.outputs(a), signals.outputs(b)
+    if len({output.unit for outputs in (outputs_a, outputs_b) for output in outputs.values()}) > 1:
+        pulses_a, pulses_b = pulses(a), pulses(b)
+        if pulses_a and pulses_b:
+            outputs_a, outputs_b = pulses_a, pulses_b
+    kinds = (("output", outputs_a, outputs_b), ("RC input", signals.rc_inputs(a), signals.rc_inputs(b)))
+    for words, in_a, in_b in kinds:
         if not in_a and not in_b:
             continue
         if not in_a or not in_b:
@@ -209,7 +207,7 @@ def channel_section(a: Log, b: Log, pairing: Pairing) -> Section | None:
             elif both.constant and both.most == 0.0:
                 still.append(channel)
             else:
-                found.append(both)
+                differences.append(both)
         if still:
             key = f"same_{words.lower().replace(' ', '_')}s"
             facts.append(Fact(key, f"{words[:1].upper()}{words[1:]}s equal, never moved", _listed(still)))
@@ -220,22 +218,11 @@ def channel_section(a: Log, b: Log, pairing: Pairing) -> Section | None:
                     f"{words[:1].upper()}{words[1:]}{many} {_listed(sorted(alone))} {'are' if many else 'is'} "
                     f"in {name} alone."
                 )
-    if not found and not facts and not lacks:
+    if not differences and not facts and not lacks:
         return None
-    plots = tuple(difference_plot("channels", each) for each in found)
-    return Section(
-        "channels", "Channels", tuple(facts), grids=difference_grid("channels", found), plots=plots, lacks=tuple(lacks)
-    )
-
-
-def _outputs(a: Log, b: Log) -> tuple[_Channels, _Channels]:
-    """Outputs in one unit if both have it: commands, else pulse widths."""
-    in_a, in_b = signals.outputs(a), signals.outputs(b)
-    units = {each.unit for found in (in_a, in_b) for each in found.values()}
-    if len(units) < 2:
-        return in_a, in_b
-    wide_a, wide_b = pulses(a), pulses(b)
-    return (wide_a, wide_b) if wide_a and wide_b else (in_a, in_b)
+    plots = tuple(difference_plot("channels", pair) for pair in differences)
+    grids = difference_grid("channels", differences)
+    return Section("channels", "Channels", tuple(facts), grids=grids, plots=plots, lacks=tuple(lacks))
 
 
 def _listed(channels: list[int]) -> str:
@@ -257,9 +244,9 @@ def stray_truth_finding(name: str, log: Log) -> Finding | None:
         return None
     return Finding.warning(
         "trajectory.stray_truth",
-        f"SIM of {name} is not about this vessel: it came to be {apart_m:.0f} m from the receiver",
+        f"SIM of {name} is another vessel: its position is up to {apart_m:.0f} m from the receiver",
         (Evidence("SIM", "Lat, Lng"),),
-        "Take the truth from the recording of whoever simulated the vessel (/truth of an MCAP file).",
+        "Use the truth in the recording of the simulator that moved the vessel (/truth of an MCAP file).",
     )
 
 
@@ -275,10 +262,10 @@ def overlay(analysis: LogAnalysis, a: Log, b: Log, pairing: Pairing) -> Section 
     except Exception as error:  # noqa: BLE001  the rest of the comparison is worth having
         return Section(name, name, lacks=(analysis_failure(name, error).sentence,))
     if in_a is None or in_b is None:
-        said = in_a or in_b
-        if said is None:
+        known = in_a or in_b
+        if known is None:
             return None
-        return Section(name, said.title, lacks=(f"{said.title} can be judged of {'A' if in_a else 'B'} alone.",))
+        return Section(name, known.title, lacks=(f"{known.title} can be judged for {'A' if in_a else 'B'} only.",))
     words, rows = _rows(in_a.facts, in_b.facts)
     both = tuple((*row, _less(row[2], row[3])) for row in rows if row[2] is not None and row[3] is not None)
     alone = tuple(row for row in rows if (row[2] is None) != (row[3] is None))
@@ -286,24 +273,22 @@ def overlay(analysis: LogAnalysis, a: Log, b: Log, pairing: Pairing) -> Section 
     if both:
         grids.append(Grid(f"{name}.both", f"{in_a.title} of both", ("fact", "unit", "A", "B", "B less A"), both))
     if alone:
-        grids.append(Grid(f"{name}.alone", f"{in_a.title}, told by one alone", ("fact", "unit", "A", "B"), alone))
+        grids.append(Grid(f"{name}.alone", f"{in_a.title}, known of one log only", ("fact", "unit", "A", "B"), alone))
     plots = _plots(in_a.plots, in_b.plots, pairing)
-    lacks = tuple(f"A: {each}" for each in in_a.lacks) + tuple(f"B: {each}" for each in in_b.lacks)
+    lacks = tuple(f"A: {lack}" for lack in in_a.lacks) + tuple(f"B: {lack}" for lack in in_b.lacks)
     return Section(name, in_a.title, words, grids=tuple(grids), plots=plots, lacks=lacks)
 
 
 def _rows(a: tuple[Fact, ...], b: tuple[Fact, ...]) -> tuple[tuple[Fact, ...], list[_Row]]:
     """Textual facts of both logs in one, and rows of the other facts: label, unit, A, B."""
-    facts_b = {fact.key: fact for fact in b}
+    values_a, values_b = {fact.key: fact.value for fact in a}, {fact.key: fact.value for fact in b}
     words: list[Fact] = []
     rows: list[_Row] = []
-    for fact, in_a, in_b in (
-        *((each, each.value, facts_b[each.key].value if each.key in facts_b else None) for each in a),
-        *((each, None, each.value) for each in b if each.key not in {one.key for one in a}),
-    ):
+    for fact in (*a, *(fact for fact in b if fact.key not in values_a)):
+        in_a, in_b = values_a.get(fact.key), values_b.get(fact.key)
         if isinstance(in_a, str) or isinstance(in_b, str):
-            told = "; ".join(f"{log}: {value}" for log, value in (("A", in_a), ("B", in_b)) if value is not None)
-            words.append(Fact(fact.key, fact.label, told))
+            texts = "; ".join(f"{log}: {value}" for log, value in (("A", in_a), ("B", in_b)) if value is not None)
+            words.append(Fact(fact.key, fact.label, texts))
         else:
             rows.append((fact.label, fact.unit, in_a, in_b))
     return tuple(words), rows
@@ -323,7 +308,7 @@ def _plots(a: tuple[Plot, ...], b: tuple[Plot, ...], pairing: Pairing) -> tuple[
     for plot in a:
         lines, others = _named("A", plot), _named("B", of_b.pop(plot.key), pairing) if plot.key in of_b else ()
         shared = {trace.name[1:] for trace in lines} & {trace.name[1:] for trace in others}
-        traces = (each for each in (*lines, *others) if not shared or each.name[1:] in shared)
+        traces = (trace for trace in (*lines, *others) if not shared or trace.name[1:] in shared)
         drawn.append(replace(plot, traces=tuple(traces), marks=()))
     alone = (replace(plot, traces=_named("B", plot, pairing), marks=()) for plot in b if plot.key in of_b)
     return (*drawn, *alone)

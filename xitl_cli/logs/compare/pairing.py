@@ -6,7 +6,7 @@ Logs of one run are paired by their clocks, logs of different runs by events tha
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
-from xitl_cli.logs.clocks.time_line import LogPlacement
+from xitl_cli.logs.clocks.time_line import NOT_ALIGNED, LogPlacement
 from xitl_cli.logs.model.codes import NAVIGATING
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Grid, Section
-from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.model.table import Floats, Stamps, rising
 from xitl_cli.logs.signals import Series, StateSpan
 from xitl_cli.logs.signals.spans import runs
 
@@ -52,8 +52,7 @@ class Pairing:
     def on_a_time(self, series: Series) -> Series:
         """Return a series of B on A's time. Samples with a stamp before the previous sample are omitted."""
         stamps = self.on_a(series.stamp_ns)
-        newest = np.maximum.accumulate(stamps)
-        forward = np.concatenate(([True], stamps[1:] > newest[:-1]))
+        forward = rising(stamps)
         return Series(stamps[forward], series.values[forward], series.unit, series.source, series.turns)
 
 
@@ -120,14 +119,14 @@ def best_lag(
     in_a, in_b = _even(grid, seconds, a, turns), _even(grid, seconds, b, turns)
     if min(float(np.abs(in_a - in_a[0]).max()), float(np.abs(in_b - in_b[0]).max())) < _LEAST_CHANGE:
         return None, None
-    found = np.array([_correlation(in_a, in_b, shift) for shift in range(-most, most + 1)])
-    if not np.isfinite(found).any():
+    correlations = np.array([_correlation(in_a, in_b, shift) for shift in range(-most, most + 1)])
+    if not np.isfinite(correlations).any():
         return None, None
-    best = int(np.nanargmax(found))
-    highest = float(found[best])
-    if highest < LEAST_ALIKE or not 0 < best < len(found) - 1:
+    best = int(np.nanargmax(correlations))
+    highest = float(correlations[best])
+    if highest < LEAST_ALIKE or not 0 < best < len(correlations) - 1:
         return highest, None
-    left, top, right = found[best - 1 : best + 2]
+    left, top, right = correlations[best - 1 : best + 2]
     bend = float(left - 2.0 * top + right)
     between = 0.5 * float(left - right) / bend if np.isfinite(bend) and bend < 0.0 else 0.0
     return highest, (best + between - most) * step_s
@@ -162,9 +161,9 @@ _CHECKED_SIGNALS: tuple[tuple[str, Callable[[Log], Series | None], float], ...] 
 
 def contradiction(a: Log, b: Log, pairing: Pairing) -> str | None:
     """Return the end of a sentence if a signal that moves differs between the logs; else None."""
-    for name, of, moving in _CHECKED_SIGNALS:
-        in_a = of(a)
-        in_b = None if in_a is None else of(b)
+    for name, signal_of, moving in _CHECKED_SIGNALS:
+        in_a = signal_of(a)
+        in_b = None if in_a is None else signal_of(b)
         matched = None if in_a is None or in_b is None else common_samples(in_a, in_b, pairing)
         if matched is None or in_a is None or len(matched[0]) < _FEWEST:
             continue
@@ -199,76 +198,63 @@ class PairedEvent:
 
 def precise_modes(log: Log) -> list[StateSpan]:
     """Mode spans as `signals.modes`. Spans from heartbeats, which are a second late, begin at the autopilot's text."""
-    found = signals.modes(log)
-    if not any("HEARTBEAT" in mode.source for mode in found):
-        return found
-    said: dict[str, list[int]] = {}
+    modes = signals.modes(log)
+    if not any("HEARTBEAT" in mode.source for mode in modes):
+        return modes
+    announced: dict[str, list[int]] = {}
     for text in signals.texts(log):
         if match := _ENTERED.fullmatch(text.text.strip()):
-            said.setdefault(match[1].upper(), []).append(text.at_ns)
-    begins = [
-        min((at for at in said.get(mode.text.upper(), ()) if 0 <= mode.from_ns - at <= _BEAT_NS), default=mode.from_ns)
-        for mode in found
-    ]
-    ends = [*begins[1:], found[-1].until_ns]
+            announced.setdefault(match[1].upper(), []).append(text.at_ns)
+    begins = []
+    for mode in modes:
+        texts_ns = announced.get(mode.text.upper(), ())
+        begins.append(min((at for at in texts_ns if 0 <= mode.from_ns - at <= _BEAT_NS), default=mode.from_ns))
+    ends = [*begins[1:], modes[-1].until_ns]
     return [
         replace(mode, from_ns=begin, until_ns=max(begin, end))
-        for mode, begin, end in zip(found, begins, ends, strict=True)
+        for mode, begin, end in zip(modes, begins, ends, strict=True)
     ]
 
 
 def paired_events(log: Log, seconds: Callable[[int], float]) -> list[PairedEvent]:
     """Armed, disarmed, modes entered, waypoints reached, in order of time."""
     span = log.span_ns
-    found: list[PairedEvent] = []
+    events: list[PairedEvent] = []
     for armed in signals.armed(log):
-        found.append(PairedEvent("armed", seconds(armed.from_ns)))
+        events.append(PairedEvent("armed", seconds(armed.from_ns)))
         if span is not None and armed.until_ns < span[1]:
-            found.append(PairedEvent("disarmed", seconds(armed.until_ns)))
-    found += [PairedEvent(f"mode {mode.text}", seconds(mode.from_ns)) for mode in precise_modes(log)]
+            events.append(PairedEvent("disarmed", seconds(armed.until_ns)))
+    events += [PairedEvent(f"mode {mode.text}", seconds(mode.from_ns)) for mode in precise_modes(log)]
     for text in signals.texts(log):
         if match := _REACHED.search(text.text):
-            found.append(PairedEvent(f"waypoint {int(match[1])} reached", seconds(text.at_ns)))
+            events.append(PairedEvent(f"waypoint {int(match[1])} reached", seconds(text.at_ns)))
         elif _COMPLETE.search(text.text):
-            found.append(PairedEvent("mission complete", seconds(text.at_ns)))
-    return sorted(found, key=lambda each: each.at_s)
+            events.append(PairedEvent("mission complete", seconds(text.at_ns)))
+    return sorted(events, key=lambda event: event.at_s)
 
 
 def event_section(a: Log, b: Log, pairing: Pairing, zero_ns: int) -> Section | None:
-    """Events of both logs; None if neither has any."""
-    found = side_by_side(a, b, pairing, zero_ns)
-    return None if found is None else Section("events", "Events", grids=(found,))
-
-
-def side_by_side(a: Log, b: Log, pairing: Pairing, zero_ns: int) -> Grid | None:
-    """Events of both logs in order of time: the n-th event of a kind in A next to the n-th in B."""
+    """Events of both logs in order of time: the n-th event of a kind in A next to the n-th in B; None without any."""
     in_a = paired_events(a, lambda at_ns: (at_ns - zero_ns) * 1e-9)
     in_b = paired_events(b, lambda at_ns: (pairing.instant(at_ns) - zero_ns) * 1e-9)
-    rows = []
-    for what, at_a, at_b in _paired(in_a, in_b):
-        later = None if at_a is None or at_b is None else round(at_b - at_a, 3)
-        rows.append((what, _rounded(at_a), _rounded(at_b), later))
-    if not rows:
-        return None
-    return Grid(
-        "compare.events", "Seconds after the zero", ("event", "A (s)", "B (s)", "B later (s)"), tuple(rows[:_MOST_ROWS])
-    )
-
-
-def _paired(a: Sequence[PairedEvent], b: Sequence[PairedEvent]) -> list[tuple[str, float | None, float | None]]:
     waiting: dict[str, list[float]] = {}
-    for each in b:
-        waiting.setdefault(each.what, []).append(each.at_s)
-    rows: list[tuple[str, float | None, float | None]] = []
-    for each in a:
-        left = waiting.get(each.what, [])
-        rows.append((each.what, each.at_s, left.pop(0) if left else None))
-    rows += [(what, None, at_s) for what, left in waiting.items() for at_s in left]
-    return sorted(rows, key=lambda row: min(at for at in row[1:] if at is not None))
-
-
-def _rounded(at_s: float | None) -> float | None:
-    return None if at_s is None else round(at_s, 3)
+    for event in in_b:
+        waiting.setdefault(event.what, []).append(event.at_s)
+    pairs: list[tuple[str, float | None, float | None]] = []
+    for event in in_a:
+        left = waiting.get(event.what, [])
+        pairs.append((event.what, event.at_s, left.pop(0) if left else None))
+    pairs += [(what, None, at_s) for what, left in waiting.items() for at_s in left]
+    if not pairs:
+        return None
+    pairs.sort(key=lambda pair: min(at for at in pair[1:] if at is not None))
+    rows = []
+    for what, at_a, at_b in pairs[:_MOST_ROWS]:
+        later = None if at_a is None or at_b is None else at_b - at_a
+        rows.append((what, *(None if at_s is None else round(at_s, 3) for at_s in (at_a, at_b, later))))
+    columns = ("event", "A (s)", "B (s)", "B later (s)")
+    grid = Grid("compare.events", "Seconds after the zero", columns, tuple(rows))
+    return Section("events", "Events", grids=(grid,))
 
 
 StartEvent = Literal["auto", "clocks", "mission", "armed", "motion", "correlation"]
@@ -289,7 +275,7 @@ def pair_logs(a: Log, b: Log, start: StartEvent = "auto", shift_s: float | None 
     """
     for log in (a, b):
         if log.span_ns is None:
-            raise LogError(f"{log.path}: holds nothing with a time, so it cannot be compared; give another log")
+            raise LogError(f"{log.path}: has no time stamps and cannot be compared; choose another log")
     assert a.span_ns is not None
     assert b.span_ns is not None
     if shift_s is not None:
@@ -298,13 +284,19 @@ def pair_logs(a: Log, b: Log, start: StartEvent = "auto", shift_s: float | None 
     if a.path.resolve() == b.path.resolve():
         return _shifted(0, "same file", "A and B are one file")
     tried: list[str] = []
-    for way in _order(a, b) if start == "auto" else (start,):
-        found = _WAYS[way](a, b)
-        if isinstance(found, Pairing):
-            return found
-        tried.append(found)
+    methods: tuple[str, ...] = (start,)
+    if start == "auto":
+        # Two logs of an autopilot, or two recordings of a host, are of two runs, even in the same world.
+        autopilots = a.format == b.format == "dataflash"
+        hosts = all(log.base == "simulation" and "/truth/state" in log.tables for log in (a, b))
+        methods = _ORDER[1:] if autopilots or hosts else _ORDER
+    for method in methods:
+        pairing = _WAYS[method](a, b)
+        if isinstance(pairing, Pairing):
+            return pairing
+        tried.append(pairing)
     raise LogError(
-        f"{a.path} and {b.path} have no common time: {'; '.join(tried)}; lay one on the other with --shift SECONDS"
+        f"{a.path} and {b.path} cannot be aligned in time: {'; '.join(tried)}; align them with --shift SECONDS"
     )
 
 
@@ -318,15 +310,15 @@ def limited(a: Log, b: Log, pairing: Pairing, from_s: float | None, until_s: flo
     until_ns = None if until_s is None else zero + round(until_s * 1e9)
     if armed:
         spans = signals.armed(a), signals.armed(b)
-        for name, found in zip("AB", spans, strict=True):
-            if not found:
-                raise LogError(f"{name} does not show when it was armed; leave --armed out, or use --from and --until")
+        for name, own in zip("AB", spans, strict=True):
+            if not own:
+                raise LogError(f"{name} does not show when it was armed; omit --armed, or use --from and --until")
         begin = max(spans[0][0].from_ns, pairing.instant(spans[1][0].from_ns))
         end = min(spans[0][-1].until_ns, pairing.instant(spans[1][-1].until_ns))
         from_ns = begin if from_ns is None else max(begin, from_ns)
         until_ns = end if until_ns is None else min(end, until_ns)
     if from_ns is not None and until_ns is not None and from_ns >= until_ns:
-        raise LogError("nothing is left to compare: the end comes before the beginning; choose other times")
+        raise LogError("nothing to compare: the end is before the beginning; choose other times")
     return replace(pairing, from_ns=from_ns, until_ns=until_ns)
 
 
@@ -343,10 +335,10 @@ def _by_clocks(a: Log, b: Log) -> Pairing | str:
 
     moved = next(placement for placement in align([a, b]) if not placement.reference)
     if moved.method not in _SAME_RUN:
-        return "their clocks do not say that they are of one run"
-    found = _placed(moved, b, "taken as one run: ")
-    against = contradiction(a, b, found)
-    return found if against is None else f"their clocks would make them one run, but {against}"
+        return "their clocks do not show that they are of one run"
+    pairing = _placed(moved, b, "taken as one run: ")
+    against = contradiction(a, b, pairing)
+    return pairing if against is None else f"by their clocks they are of one run, but {against}"
 
 
 def _by_correlation(a: Log, b: Log) -> Pairing | str:
@@ -354,14 +346,14 @@ def _by_correlation(a: Log, b: Log) -> Pairing | str:
 
     moved = by_signal(a, b)
     if moved is None or not moved.aligned:
-        return "no signal that both hold is alike" if moved is None else moved.sentence.removeprefix("not aligned: ")
+        return "no shared signal is similar" if moved is None else moved.sentence.removeprefix(NOT_ALIGNED)
     return _placed(moved, b, "")
 
 
 def _placed(moved: LogPlacement, b: Log, words: str) -> Pairing:
-    said = Pairing(moved.on_reference, moved.method, words + moved.sentence, moved.error_s)
+    pairing = Pairing(moved.on_reference, moved.method, words + moved.sentence, moved.error_s)
     if moved.log is b:
-        return said
+        return pairing
 
     def on_a(stamp_ns: Stamps) -> Stamps:
         # Invert A on B by iteration; the error shrinks with the drift at each step.
@@ -370,15 +362,7 @@ def _placed(moved: LogPlacement, b: Log, words: str) -> Pairing:
             back = back + (stamp_ns - moved.on_reference(back))
         return back
 
-    return replace(said, on_a=on_a)
-
-
-def _order(a: Log, b: Log) -> tuple[str, ...]:
-    """Methods to try. Two logs of an autopilot, or two recordings of a host, are of two runs, even in the same
-    world."""
-    autopilots = a.format == b.format == "dataflash"
-    hosts = all(log.base == "simulation" and "/truth/state" in log.tables for log in (a, b))
-    return _ORDER[1:] if autopilots or hosts else _ORDER
+    return replace(pairing, on_a=on_a)
 
 
 def _by_event(name: str, words: str, when: Callable[[Log], int | None]) -> Callable[[Log, Log], Pairing | str]:
@@ -386,7 +370,7 @@ def _by_event(name: str, words: str, when: Callable[[Log], int | None]) -> Calla
         in_a, in_b = when(a), when(b)
         if in_a is None or in_b is None:
             return f"{'A' if in_a is None else 'B'} does not show when it {words}"
-        return replace(_shifted(in_a - in_b, name, f"two runs, laid where each first {words}"), zero_ns=in_a)
+        return replace(_shifted(in_a - in_b, name, f"two runs, aligned where each first {words}"), zero_ns=in_a)
 
     return way
 

@@ -202,14 +202,14 @@ def off_path_m(points: Floats, path: Floats) -> Floats:
         return alone
     begins, along = path[:-1], np.diff(path, axis=0)
     lengths = np.maximum(np.sum(along**2, axis=1), 1e-12)
-    found = np.empty(len(points))
+    distance_m = np.empty(len(points))
     block = max(1, _BLOCK // len(begins))
     for first in range(0, len(points), block):
         east, north = (points[first : first + block, axis, None] - begins[:, axis] for axis in (0, 1))
         share = np.clip((east * along[:, 0] + north * along[:, 1]) / lengths, 0.0, 1.0)
         squared = (east - share * along[:, 0]) ** 2 + (north - share * along[:, 1]) ** 2
-        found[first : first + block] = np.sqrt(squared.min(axis=1))
-    return found
+        distance_m[first : first + block] = np.sqrt(squared.min(axis=1))
+    return distance_m
 
 
 def thinned_path(path: Floats, least_m: float = 0.05, most: int = 2000) -> Floats:
@@ -217,8 +217,8 @@ def thinned_path(path: Floats, least_m: float = 0.05, most: int = 2000) -> Float
     steps = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     every_m = max(least_m, float(steps[-1]) / most)
     chosen = np.searchsorted(steps, np.arange(0.0, steps[-1], every_m))
-    found: Floats = path[np.unique(np.append(chosen, len(path) - 1))]
-    return found
+    points: Floats = path[np.unique(np.append(chosen, len(path) - 1))]
+    return points
 
 
 _MOST_POSES = 20_000
@@ -259,7 +259,7 @@ def common_poses(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: Sig
     stamps, ned_a, ned_b = stamps[::every], ned_a[::every], ned_b[::every]
     quat_a = _attitude(a, of_a, stamps, None)
     quat_b = _attitude(b, of_b, stamps, pairing)
-    told = quat_a is not None and quat_b is not None
+    attitudes = quat_a is not None and quat_b is not None
     if quat_a is None or quat_b is None:
         quat_a = quat_b = np.tile([1.0, 0.0, 0.0, 0.0], (len(stamps), 1))
     return PosePair(
@@ -267,7 +267,7 @@ def common_poses(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: Sig
         Trajectory(stamps, ned_to_enu(ned_b), quat_b),
         in_a.origin,
         in_a.origin == in_b.origin,
-        told,
+        attitudes,
         (in_a.path.source, in_b.path.source),
         in_a.path.values[:, (1, 0)],
     )
@@ -276,12 +276,12 @@ def common_poses(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: Sig
 def _attitude(log: Log, of: SignalSource, stamp_ns: Stamps, pairing: Pairing | None) -> Floats | None:
     """(N, 4) FLU to ENU; a missing sample is replaced by the nearest."""
     angles = []
-    for found in (signals.roll(log, of), signals.pitch(log, of), signals.yaw(log, of)):
-        if found is None:
+    for angle in (signals.roll(log, of), signals.pitch(log, of), signals.yaw(log, of)):
+        if angle is None:
             return None
-        moved = found if pairing is None else pairing.on_a_time(found)
-        held = np.clip(stamp_ns, moved.stamp_ns[0], moved.stamp_ns[-1])
-        angles.append(np.radians(moved.interpolated(held)))
+        moved = angle if pairing is None else pairing.on_a_time(angle)
+        clipped_ns = np.clip(stamp_ns, moved.stamp_ns[0], moved.stamp_ns[-1])
+        angles.append(np.radians(moved.interpolated(clipped_ns)))
     return quat_ned_frd_to_enu_flu(euler_to_quat(np.stack(angles, axis=1)))
 
 
@@ -318,11 +318,11 @@ def trajectory_section(poses: PosePair, how: Alignment) -> Section:
         Fact("iae_x_ms", "IAE x (east)", _number(iae_x), "m s"),
         Fact("iae_y_ms", "IAE y (north)", _number(iae_y), "m s"),
         Fact("position_rms_m", "Horizontal distance, RMS", _number(float(np.sqrt(np.mean(level_m**2)))), "m"),
-        Fact("position_max_m", "Horizontal distance, most", _number(float(level_m[worst])), "m"),
-        Fact("east_max_m", "East, most", _number(float(np.abs(apart[:, 0]).max())), "m"),
-        Fact("north_max_m", "North, most", _number(float(np.abs(apart[:, 1]).max())), "m"),
+        Fact("position_max_m", "Horizontal distance, maximum", _number(float(level_m[worst])), "m"),
+        Fact("east_max_m", "East, maximum", _number(float(np.abs(apart[:, 0]).max())), "m"),
+        Fact("north_max_m", "North, maximum", _number(float(np.abs(apart[:, 1]).max())), "m"),
         Fact("path_rms_m", "Off A's path, RMS", _number(float(np.sqrt(np.mean(off_m**2)))), "m"),
-        Fact("path_max_m", "Off A's path, most", _number(float(off_m.max())), "m"),
+        Fact("path_max_m", "Off A's path, maximum", _number(float(off_m.max())), "m"),
         Fact("alignment", "Alignment of B", how if moving is not None or how == "none" else f"{how}: not possible"),
         *moved_by,
         Fact(
@@ -338,7 +338,7 @@ def trajectory_section(poses: PosePair, how: Alignment) -> Section:
         tuple(_findings(poses, how, moving, level_m, apart[:, 2], worst)),
         (_errors_grid(a, b, poses.attitudes),),
         _plots(a, b, apart, level_m, off_m),
-        () if poses.attitudes else ("Turns are not compared: one of the logs tells no attitude.",),
+        () if poses.attitudes else ("Rotations are not compared, because one of the logs has no attitude.",),
     )
 
 
@@ -353,36 +353,38 @@ def _findings(
         severity,
         f"B is {rms:.3g} m (RMS) from A at the same instant, at most {level_m[worst]:.3g} m",
         (at,),
-        "" if severity == Severity.OK else "See on the map where the paths part; compare modes and waypoints there.",
+        ""
+        if severity == Severity.OK
+        else "Find on the map where the paths diverge; compare modes and waypoints there.",
     )
     if how == "none" and float(np.median(level_m)) > _FAR_M:
         yield Finding.warning(
             "trajectory.elsewhere",
             f"The two paths lie {float(np.median(level_m)) / 1000:.1f} km apart: they are of different places",
             (at,),
-            "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
+            "Align the first poses with --align origin, or fit B to A with --align se3.",
         )
     up_rms = float(np.sqrt(np.mean(up_m**2)))
     if up_rms > max(_HIGH_M, _HIGH_SHARE * rms):
         high = int(np.argmax(np.abs(up_m)))
         yield Finding.notice(
             "trajectory.heights",
-            f"The heights differ by {up_rms:.1f} m (RMS), at most {abs(up_m[high]):.1f} m, the level places by "
-            f"{rms:.2f} m: the errors in space are mostly of height",
+            f"The heights differ by {up_rms:.1f} m (RMS), at most {abs(up_m[high]):.1f} m, the horizontal positions by "
+            f"{rms:.2f} m: the errors in space are mostly errors of height",
             (Evidence(poses.sources[0], None, int(poses.a.stamp_ns[high]), value=f"{up_m[high]:.1f} m up"),),
-            "Take the level errors, or compare from when both estimators have their origin with --armed or --from.",
+            "Use the horizontal errors, or compare from when both estimators have their origin with --armed or --from.",
         )
     if how == "none" and not poses.common:
         yield Finding.warning(
             "trajectory.zeros",
-            "At least one log does not tell where its local zero is, so the distance includes that of the zeros",
+            "At least one log does not give its local origin, so the distance includes the distance of the origins",
             (at,),
-            "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
+            "Align the first poses with --align origin, or fit B to A with --align se3.",
         )
     if how in ("se3", "sim3") and moving is None:
         yield Finding.warning(
             "trajectory.not_aligned",
-            f"B could not be fitted to A ({how}): its path is a point or a straight line, so it was left as it is",
+            f"B could not be fitted to A ({how}): its path is a point or a straight line, so B was not moved",
             (at,),
             "Use --align origin, or compare logs in which the vessel turns.",
         )
@@ -408,11 +410,11 @@ def _errors_grid(a: Trajectory, b: Trajectory, attitudes: bool) -> Grid:
     return Grid("trajectory.errors", "Absolute and relative trajectory error", names, tuple(rows))
 
 
-def _cells(found: ErrorStatistics | None) -> tuple[float | int | None, ...]:
-    if found is None:
+def _cells(errors: ErrorStatistics | None) -> tuple[float | int | None, ...]:
+    if errors is None:
         return (None,) * 8
-    values = (found.rms, found.most, found.mean, found.median, found.std, found.least, found.sse)
-    return (*(_number(value) for value in values), found.count)
+    values = (errors.rms, errors.most, errors.mean, errors.median, errors.std, errors.least, errors.sse)
+    return (*(_number(value) for value in values), errors.count)
 
 
 def _plots(a: Trajectory, b: Trajectory, apart: Floats, level_m: Floats, off_m: Floats) -> tuple[Plot, ...]:

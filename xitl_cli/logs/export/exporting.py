@@ -181,7 +181,10 @@ class ExportResult:
 def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | None, overwrite: bool) -> ExportResult:
     """Write the selected tables. Raises LogError for an unknown format, an unwritable path, an existing file."""
     if file_format not in FORMATS:
-        raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join((*FORMATS, *BAG_FORMATS))}")
+        raise LogError(
+            f"--format = {file_format!r} is not known; choose from {', '.join((*FORMATS, *BAG_FORMATS))}, "
+            "or install the package that has it"
+        )
     if file_format == "mcap":
         from xitl_cli.logs.export.mcap_export import write_mcap
 
@@ -195,8 +198,8 @@ def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | 
         with part_of(path, overwrite) as part:
             rows, early = write_mcap(part, log, wanted.tables, (wanted.from_ns, wanted.until_ns), utc, wanted.raw)
         notes = (f"{early} rows stamped before the log's zero are at 0",) if early else ()
-        since = f"since {log.zero_in_words}" if log.zero_ns == 0 else "from a zero of its own"
-        times = f"the log tells no UTC: its times count {since}" if utc is None else f"its times are UTC {utc.source}"
+        since = f"since {log.zero_in_words}" if log.zero_ns == 0 else "from a zero that is not known"
+        times = f"the log has no UTC: its times count {since}" if utc is None else f"its times are UTC {utc.source}"
         return ExportResult((str(path),), rows, f"{path}: {_of(rows, wanted)}; {times}", notes)
     return _as_files(log, wanted, file_format, out or Path(f"{log.path.stem}-{file_format}"), overwrite)
 
@@ -223,12 +226,12 @@ def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Pa
         rows_written += len(rows)
         described.append((path.name, table.name, columns))
         if left_out:
-            notes.append(f"{table.name}: {', '.join(left_out)} left out for its length; --format mcap has all")
+            notes.append(f"{table.name}: {', '.join(left_out)} omitted because it is too long; --format mcap writes it")
     for path in also:
         with part_of(path, overwrite) as part:
             write_columns(part, described, wanted.raw)
     what = f"{_of(rows_written, wanted)}, a file each"
-    known = "the log tells no UTC" if utc is None else f"utc_s is UTC {utc.source}"
+    known = "the log has no UTC" if utc is None else f"utc_s is UTC {utc.source}"
     sentence = f"{directory}: {what}; time_s counts seconds since {log.zero_in_words}; {known}"
     return ExportResult(tuple(str(path) for path in [*paths, *also]), rows_written, sentence, tuple(notes))
 
@@ -249,7 +252,7 @@ def _refuse_itself(log: Log, paths: list[Path]) -> None:
     """Refuse to write over the log: it is mapped into memory, and writing would remove it during reading."""
     for path in paths:
         if path.exists() and log.path.exists() and path.samefile(log.path):
-            raise LogError(f"{path}: is the log itself; choose another place with --out")
+            raise LogError(f"{path}: is the log itself; choose another path with --out")
 
 
 def _of(rows: int, wanted: ExportSelection) -> str:

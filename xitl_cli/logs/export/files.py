@@ -17,11 +17,11 @@ def refuse_present(paths: Collection[Path], overwrite: bool) -> None:
     """Check before writing that no file would be replaced. Raises LogError."""
     for path in paths:
         if path.is_dir():
-            raise LogError(f"{path}: is a directory; name another place with --out")
+            raise LogError(f"{path}: is a directory; choose another path with --out")
         if path.exists() and not path.is_file():  # a device would be replaced by a file
-            raise LogError(f"{path}: is no regular file; choose another place with --out")
+            raise LogError(f"{path}: is not a regular file; choose another path with --out")
         if not overwrite and path.exists():
-            raise LogError(f"{path}: is there already; choose another place with --out, or add --overwrite")
+            raise LogError(f"{path}: already exists; choose another path with --out, or add --overwrite")
 
 
 def make_directory(path: Path) -> None:
@@ -29,7 +29,7 @@ def make_directory(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
-        raise LogError(f"{path}: is no directory; choose another place with --out") from error
+        raise LogError(f"{path}: is not a directory; choose another path with --out") from error
     except OSError as error:
         raise _refusal(path, error) from error
 
@@ -61,7 +61,7 @@ def _named_if_free(part: Path, final: Path) -> None:
     try:
         os.link(part, final)
     except FileExistsError as error:
-        raise LogError(f"{final}: is there already; choose another place with --out, or add --overwrite") from error
+        raise LogError(f"{final}: already exists; choose another path with --out, or add --overwrite") from error
     except OSError:  # a file system without links
         refuse_present([final], overwrite=False)
         part.replace(final)
@@ -69,7 +69,7 @@ def _named_if_free(part: Path, final: Path) -> None:
 
 def _refusal(path: Path, error: OSError) -> LogError:
     return LogError(
-        f"{path}: cannot be written ({error.strerror or error}); free space or choose another place with --out"
+        f"{path}: cannot be written ({error.strerror or error}); free space or choose another path with --out"
     )
 
 

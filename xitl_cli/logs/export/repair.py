@@ -29,11 +29,11 @@ class RepairResult:
     @property
     def sentence(self) -> str:
         if self.out is None or self.written is None:
-            return f"{self.source}: is whole, nothing to repair; nothing was written"
+            return f"{self.source}: is complete, so nothing was written"
         done = self.written
         parts = [
             f"{plural(done.messages, 'message')} of {plural(done.topics, 'topic')}",
-            f"{plural(done.chunks, 'chunk')}, {done.rebuilt} of them made anew",
+            f"{plural(done.chunks, 'chunk')}, {done.rebuilt} of them rebuilt",
             plural(done.attachments, "attachment") if done.attachments else "",
             plural(done.metadata, "metadata record") if done.metadata else "",
         ]
@@ -58,8 +58,8 @@ def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
         kinds = {"dataflash": "a DataFlash log", "tlog": "a telemetry log"}
         kind = kinds.get(log.format, "a bag of ROS")
         raise LogError(
-            f"{log.path}: is {kind}, which has no index or end that could be missing: every command reads on behind "
-            "damage; `xitl logs export` writes what can be read"
+            f"{log.path}: is {kind}, which needs no repair: it has no index, and every command reads the data after "
+            "damage; `xitl logs export` writes the readable data"
         )
     path = out or log.path.with_name(f"{log.path.stem}-repaired.mcap")
     if path.is_dir():
@@ -67,7 +67,7 @@ def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
     if log.examine():
         return RepairResult(log.path, None, None, log.health)
     if not log.health.records:
-        raise LogError(f"{log.path}: holds no message that can be read; there is nothing to repair")
+        raise LogError(f"{log.path}: has no readable message; there is nothing to repair")
     refuse_present([path], overwrite)
     make_directory(path.parent)
     with part_of(path, overwrite) as part, part.open("xb") as file:

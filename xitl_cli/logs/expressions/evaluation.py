@@ -62,12 +62,9 @@ def power_unit(unit: Unit, exponent: float) -> Unit:
     if factors is None:
         return ""
     raised = {name: power * exponent for name, power in factors.items()}
-    powers = raised.values()
-    return (
-        _text({name: round(power) for name, power in raised.items()})
-        if all(float(power).is_integer() for power in powers)
-        else ""
-    )
+    if not all(float(power).is_integer() for power in raised.values()):
+        return ""
+    return _text({name: round(power) for name, power in raised.items()})
 
 
 def _powers(unit: str) -> dict[str, int] | None:
@@ -79,11 +76,11 @@ def _powers(unit: str) -> dict[str, int] | None:
         for factor in re.split(r"[.·*]", part):
             if number == 0 and factor == "1":
                 continue
-            found = _FACTOR.fullmatch(factor)
-            if found is None:
+            match = _FACTOR.fullmatch(factor)
+            if match is None:
                 return None
-            power = _RAISED.get(found["power"] or "", 0) or int(found["power"] or 1)
-            powers[found["symbol"]] = powers.get(found["symbol"], 0) + (power if number == 0 else -power)
+            power = _RAISED.get(match["power"] or "", 0) or int(match["power"] or 1)
+            powers[match["symbol"]] = powers.get(match["symbol"], 0) + (power if number == 0 else -power)
     return powers
 
 
@@ -128,16 +125,8 @@ def _wrapped(x: Any, turn: float, low: float) -> Any:
     return np.mod(np.asarray(x, dtype=np.float64) - low, turn) + low
 
 
-def _least(*values: Any) -> Any:
-    return np.minimum.reduce(np.broadcast_arrays(*values))
-
-
-def _most(*values: Any) -> Any:
-    return np.maximum.reduce(np.broadcast_arrays(*values))
-
-
-def _same(units: Sequence[Unit]) -> Unit:
-    return same_unit(units)
+def _hypotenuse(*sides: Any) -> Any:
+    return np.sqrt(sum(np.square(side, dtype=np.float64) for side in sides))
 
 
 def _none(units: Sequence[Unit]) -> Unit:
@@ -149,15 +138,15 @@ def _always(unit: str) -> UnitRule:
 
 
 ELEMENTWISE: Mapping[str, Function] = {
-    "abs": Function(np.abs, _same),
+    "abs": Function(np.abs, same_unit),
     "sign": Function(np.sign, _none),
-    "floor": Function(np.floor, _same),
-    "ceil": Function(np.ceil, _same),
+    "floor": Function(np.floor, same_unit),
+    "ceil": Function(np.ceil, same_unit),
     "sqrt": Function(np.sqrt, lambda units: power_unit(units[0], 0.5)),
     "exp": Function(np.exp, _none),
     "log": Function(np.log, _none),
     "log10": Function(np.log10, _none),
-    "hypot": Function(lambda *sides: np.sqrt(sum(np.square(side, dtype=np.float64) for side in sides)), _same, 2, 3),
+    "hypot": Function(_hypotenuse, same_unit, 2, 3),
     "sin": Function(np.sin, _none, angles="rad"),
     "cos": Function(np.cos, _none, angles="rad"),
     "tan": Function(np.tan, _none, angles="rad"),
@@ -167,12 +156,12 @@ ELEMENTWISE: Mapping[str, Function] = {
     "atan2": Function(np.arctan2, _always("rad"), 2, 2),
     "radians": Function(np.radians, lambda units: _converted(units[0], "deg", "rad"), angles="deg"),
     "degrees": Function(np.degrees, lambda units: _converted(units[0], "rad", "deg"), angles="rad"),
-    "wrap180": Function(lambda x: _wrapped(x, 360.0, -180.0), _same, angles="deg"),
-    "wrap360": Function(lambda x: _wrapped(x, 360.0, 0.0), _same, angles="deg"),
-    "wrap_pi": Function(lambda x: _wrapped(x, 2.0 * np.pi, -np.pi), _same, angles="rad"),
-    "min": Function(_least, _same, 2, None),
-    "max": Function(_most, _same, 2, None),
-    "clip": Function(lambda x, low, high: np.minimum(np.maximum(x, low), high), _same, 3, 3),
+    "wrap180": Function(lambda x: _wrapped(x, 360.0, -180.0), same_unit, angles="deg"),
+    "wrap360": Function(lambda x: _wrapped(x, 360.0, 0.0), same_unit, angles="deg"),
+    "wrap_pi": Function(lambda x: _wrapped(x, 2.0 * np.pi, -np.pi), same_unit, angles="rad"),
+    "min": Function(lambda *values: np.minimum.reduce(np.broadcast_arrays(*values)), same_unit, 2, None),
+    "max": Function(lambda *values: np.maximum.reduce(np.broadcast_arrays(*values)), same_unit, 2, None),
+    "clip": Function(lambda x, low, high: np.minimum(np.maximum(x, low), high), same_unit, 3, 3),
 }
 
 
@@ -184,21 +173,17 @@ def _converted(unit: Unit, old: str, new: str) -> Unit:
 
 def unwrapped(x: Floats, turn: float) -> Floats:
     """(N,) without jumps of more than half a turn. Unknown values are bridged from the last known value."""
-    found = np.array(x, dtype=np.float64)
-    known = np.isfinite(found)
-    found[known] = np.unwrap(found[known], period=turn)
-    return found
-
-
-def _diff(seconds: Floats, x: Floats) -> Floats:
-    return np.diff(x, prepend=np.nan)
+    result = np.array(x, dtype=np.float64)
+    known = np.isfinite(result)
+    result[known] = np.unwrap(result[known], period=turn)
+    return result
 
 
 def _derivative(seconds: Floats, x: Floats) -> Floats:
     if len(x) < 2:
         return np.full(len(x), np.nan)
-    found: Floats = np.gradient(x, seconds)
-    return found
+    result: Floats = np.gradient(x, seconds)
+    return result
 
 
 def _integral(seconds: Floats, x: Floats) -> Floats:
@@ -216,13 +201,13 @@ def _smooth(seconds: Floats, x: Floats, window_s: float) -> Floats:
     half_s = 0.5 * window_s + _SAME_S  # includes rows exactly at the ends
     first = np.searchsorted(seconds, seconds - half_s, "left")
     after = np.searchsorted(seconds, seconds + half_s, "right")
-    found: Floats = (sums[after] - sums[first]) / (counts[after] - counts[first])
-    return found
+    means: Floats = (sums[after] - sums[first]) / (counts[after] - counts[first])
+    return means
 
 
 TIMED: Mapping[str, Function] = {
-    "unwrap": Function(unwrapped, _same),
-    "diff": Function(_diff, _same),
+    "unwrap": Function(unwrapped, same_unit),
+    "diff": Function(lambda seconds, x: np.diff(x, prepend=np.nan), same_unit),
     "derivative": Function(_derivative, lambda units: product_unit(units[0], "s", -1)),
     "integral": Function(_integral, lambda units: product_unit(units[0], "s")),
     "smooth": Function(_smooth, lambda units: units[0], 2, 2),
@@ -230,7 +215,7 @@ TIMED: Mapping[str, Function] = {
 
 WHERE = "where"
 ARITIES: Mapping[str, tuple[int, int | None]] = {
-    **{name: (each.least, each.most) for name, each in {**ELEMENTWISE, **TIMED}.items()},
+    **{name: (function.least, function.most) for name, function in {**ELEMENTWISE, **TIMED}.items()},
     WHERE: (3, 3),
 }
 """Number of arguments of each function. `where(condition, a, b)` is a if the condition holds, else b."""
@@ -252,7 +237,7 @@ ARITHMETIC: Mapping[str, Callable[[Any, Any], Any]] = {
     "%": operator.mod,
     "**": lambda base, exponent: np.power(np.asarray(base, dtype=np.float64), exponent),
 }
-_SHORT_WAY = "is the short way round"
+_SHORT_WAY = "gives the shorter angle"
 _ROUND_THE_CIRCLE = frozenset(("sin", "cos", "tan", "wrap180", "wrap360", "wrap_pi", "unwrap", "radians", "degrees"))
 _HALF_TURN = {"deg": 180.0, "rad": np.pi}
 
@@ -306,8 +291,8 @@ class Evaluation:
             case Prefix(sign="not", operand=operand):
                 return Quantity(np.logical_not(self._truth(operand)))
             case Prefix(sign=sign, operand=operand):
-                found = self._number(operand)
-                return found if sign == "+" or found.lacking else Quantity(-found.values, found.unit)
+                number = self._number(operand)
+                return number if sign == "+" or number.lacking else Quantity(-number.values, number.unit)
             case Junction(sign=sign, parts=parts):
                 joins = np.logical_and if sign == "and" else np.logical_or
                 result = self._truth(parts[0])
@@ -320,11 +305,8 @@ class Evaluation:
                 return self._comparison(node)
             case Call(function=name, arguments=arguments):
                 if name == WHERE:
-                    truth, chosen, other = (
-                        self._truth(arguments[0]),
-                        self._number(arguments[1]),
-                        self._number(arguments[2]),
-                    )
+                    truth = self._truth(arguments[0])
+                    chosen, other = self._number(arguments[1]), self._number(arguments[2])
                     if chosen.lacking or other.lacking:
                         return LACKING
                     return Quantity(np.where(truth, chosen.values, other.values), same_unit((chosen.unit, other.unit)))
@@ -342,7 +324,7 @@ class Evaluation:
                 result, left = np.False_, right
                 continue
             if left.is_text != right.is_text:
-                raise ExpressionError("compares a text with a number; put texts in quotes, numbers not")
+                raise ExpressionError("compares a text with a number; put quotes around texts only")
             truth = COMPARISONS[sign](left.values, right.values)
             result = truth if result is None else np.logical_and(result, truth)
             left = right
@@ -362,20 +344,18 @@ class Evaluation:
         else:
             unit = same_unit((left.unit, right.unit))
             if left.unit and right.unit and not unit:
-                self.notes.append(f"{self._shown(node)} is of {left.unit} and {right.unit}")
+                self.notes.append(f"{self._shown(node)} mixes {left.unit} and {right.unit}")
             half = _HALF_TURN.get(unit or "", np.inf)
             if node.sign == "-" and right.unit and np.size(values) and np.nanmax(np.abs(values), initial=0.0) > half:
                 wrap = "wrap180" if unit == "deg" else "wrap_pi"
-                self.notes.append(
-                    f"{self._shown(node)} goes beyond half a turn; {wrap}({self._shown(node)}) {_SHORT_WAY}"
-                )
+                self.notes.append(f"{self._shown(node)} exceeds half a turn; {wrap}({self._shown(node)}) {_SHORT_WAY}")
         return Quantity(values, unit)
 
     def _call(self, node: Call) -> Quantity:
-        told = len(self.notes)
+        before = len(self.notes)
         values = [self._number(argument) for argument in node.arguments]
         if node.function in _ROUND_THE_CIRCLE:
-            self.notes[told:] = [note for note in self.notes[told:] if not note.endswith(_SHORT_WAY)]
+            self.notes[before:] = [note for note in self.notes[before:] if not note.endswith(_SHORT_WAY)]
         if any(value.lacking for value in values):
             return LACKING
         units = [value.unit for value in values]
@@ -386,29 +366,31 @@ class Evaluation:
             if node.function == "unwrap":
                 return Quantity(unwrapped(x, 2.0 * _HALF_TURN.get(units[0] or "", 180.0)), units[0])
             further = [value.values for value in values[1:]]
-            if any(np.ndim(each) or not each > 0.0 for each in further):
-                raise ExpressionError(f"holds {self._shown(node)}: its time is a number of seconds above 0")
+            if any(np.ndim(value) or not value > 0.0 for value in further):
+                raise ExpressionError(f"contains {self._shown(node)}: the time must be a number of seconds above 0")
             return Quantity(function.apply(seconds, x, *further), function.unit(units))
         function = ELEMENTWISE[node.function]
-        given = {"deg": "rad", "rad": "deg"}.get(function.angles)
-        if given is not None and units[0] == given:
+        wrong = {"deg": "rad", "rad": "deg"}.get(function.angles)
+        if wrong is not None and units[0] == wrong:
             argument = self._shown(node.arguments[0])
-            turned = "radians" if function.angles == "rad" else "degrees"
-            better = argument if node.function in ("radians", "degrees") else f"{node.function}({turned}({argument}))"
-            self.notes.append(f"{self._shown(node)} takes {function.angles} and gets {given}; write {better}")
+            converter = "radians" if function.angles == "rad" else "degrees"
+            better = f"{node.function}({converter}({argument}))"
+            if node.function in ("radians", "degrees"):
+                better = argument
+            self.notes.append(f"{self._shown(node)} takes {function.angles} and gets {wrong}; write {better}")
         numbers = [np.asarray(value.values, dtype=np.float64) for value in values]
         return Quantity(function.apply(*numbers), function.unit(units))
 
     def _number(self, node: Tree) -> Quantity:
         value = self.quantity(node)
         if value.is_text or value.is_truth:
-            raise ExpressionError(f"cannot be worked out: {self._shown(node)!r} is no number")
+            raise ExpressionError(f"cannot be evaluated: {self._shown(node)!r} is not a number")
         return value
 
     def _truth(self, node: Tree) -> Any:
         value = self.quantity(node)
         if not value.is_truth:
             raise ExpressionError(
-                f"cannot be worked out: {self._shown(node)!r} is no condition; compare it, such as '… > 0'"
+                f"cannot be evaluated: {self._shown(node)!r} is not a condition; compare it, such as '… > 0'"
             )
         return value.values

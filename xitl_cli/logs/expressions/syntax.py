@@ -149,9 +149,8 @@ def parse(text: str, language: Language, known: Iterable[str] = ()) -> Tree:
     ExpressionError.
     """
     if len(text) > LONGEST:
-        raise ExpressionError(f"is {len(text)} characters long; {LONGEST} are allowed, make several of it")
-    plain = (_NAME, _TOPIC)
-    odd = sorted((name for name in known if not any(each.fullmatch(name) for each in plain)), key=len, reverse=True)
+        raise ExpressionError(f"is {len(text)} characters long; {LONGEST} is the limit, so split it")
+    odd = sorted((name for name in known if not (_NAME.fullmatch(name) or _TOPIC.fullmatch(name))), key=len)[::-1]
     parser = _Parser(text, language, odd)
     tree = parser.disjunction()
     parser.finish()
@@ -202,10 +201,7 @@ class _Parser:
             self._unexpected()
 
     def disjunction(self) -> Tree:
-        return self._junction("or", self._conjunction)
-
-    def _conjunction(self) -> Tree:
-        return self._junction("and", self._negation)
+        return self._junction("or", lambda: self._junction("and", self._negation))
 
     def _junction(self, sign: str, part: Callable[[], Tree]) -> Tree:
         parts: list[Tree] = [part()]
@@ -228,10 +224,7 @@ class _Parser:
         return ComparisonChain(sides[0].begin, sides[-1].end, tuple(signs), tuple(sides))
 
     def _sum(self) -> Tree:
-        return self._chain(("+", "-"), self._product)
-
-    def _product(self) -> Tree:
-        return self._chain(("*", "/", "%"), self._signed)
+        return self._chain(("+", "-"), lambda: self._chain(("*", "/", "%"), self._signed))
 
     def _chain(self, signs: tuple[str, ...], part: Callable[[], Tree]) -> Tree:
         left = part()
@@ -282,15 +275,15 @@ class _Parser:
             self._next(operand=False)
             if token.text in _WORDS:
                 if _WORDS[token.text] is None and not self._language.null:
-                    self._refuse(f"holds {token.text}, which is not allowed")
+                    self._refuse(f"contains {token.text}, which is not allowed here")
                 return Word(token.begin, token.end, _WORDS[token.text])
             if not self._is("("):
                 if "[" in token.text and not self._language.elements:
-                    self._refuse(f"holds {token.text}, and nothing here has elements")
+                    self._refuse(f"contains {token.text}, but no value here has elements")
                 return Name(token.begin, token.end, token.text)
             if token.text not in self._language.functions:
                 there = ", ".join(self._language.functions)
-                self._refuse(f"calls what is not known and not allowed, {token.text}; there are {there}")
+                self._refuse(f"calls {token.text}, which is not a function here; choose from {there}")
             self._next(operand=True)
             self._deeper()
             arguments: list[Tree] = []
@@ -305,7 +298,7 @@ class _Parser:
             if len(arguments) < least or (most is not None and len(arguments) > most):
                 wanted = f"{least} or more" if most is None else str(least) if most == least else f"{least} to {most}"
                 shown = self._text[token.begin : self._ended]
-                self._refuse(f"holds {shown}, which is not allowed: {token.text} takes {wanted} values")
+                self._refuse(f"contains {shown}, but {token.text} takes {wanted} values")
             return Call(token.begin, self._ended, token.text, tuple(arguments))
         if self._is("("):
             self._next(operand=True)
@@ -327,7 +320,7 @@ class _Parser:
             self._too_deep()
 
     def _too_deep(self) -> NoReturn:
-        self._refuse(f"is nested more than {DEEPEST} deep; write it simpler")
+        self._refuse(f"is nested more than {DEEPEST} levels deep; simplify it")
 
     def _is(self, text: str) -> bool:
         return self._token.kind in ("sign", "word") and self._token.text == text
@@ -335,9 +328,9 @@ class _Parser:
     def _next(self, *, operand: bool) -> None:
         """Move to the next token. If an operand is expected, a / begins a topic."""
         self._ended = self._token.end
-        found = _SPACE.match(self._text, self._token.end)
-        assert found is not None
-        begin = found.end()
+        space = _SPACE.match(self._text, self._token.end)
+        assert space is not None
+        begin = space.end()
         if begin == len(self._text):
             self._token = _Token("end", "", begin, begin)
             return
@@ -349,35 +342,34 @@ class _Parser:
                     return
         kinds = [("number", _NUMBER), ("text", _TEXT), *([("name", _TOPIC)] if operand else []), ("name", _NAME)]
         for kind, pattern in [*kinds, ("sign", _SIGN)]:
-            if found := pattern.match(self._text, begin):
-                word = kind == "name" and (found[0] in ("and", "or", "not") or found[0] in _FOREIGN)
-                self._token = _Token("word" if word else kind, _unspaced(found[0], kind), begin, found.end())
+            if match := pattern.match(self._text, begin):
+                word = kind == "name" and (match[0] in ("and", "or", "not") or match[0] in _FOREIGN)
+                text = match[0] if kind != "name" else _unspaced(match[0])
+                self._token = _Token("word" if word else kind, text, begin, match.end())
                 return
         letter = self._text[begin]
         if letter in "[]{}" or (letter == "." and operand):
-            self._refuse(f"holds {letter!r} where that is not allowed; there are {self._language.allowed}")
+            self._refuse(f"contains {letter!r} in a wrong place; use {self._language.allowed}")
         if letter == "=":
-            self._broken("one = compares nothing, write ==")
+            self._broken("= does not compare; write ==")
         self._broken(f"{letter!r} at its character {begin + 1}")
 
     def _unexpected(self) -> NoReturn:
         token = self._token
         if token.kind == "end":
-            self._broken("it ends where something is missing")
+            self._broken("it is incomplete")
         if token.text == "in" or token.text == "is":
-            self._refuse(f"holds `{token.text}`, and there is no `in` or `is`; there are {self._language.allowed}")
+            self._refuse(f"contains `{token.text}`, but `in` and `is` do not exist here; use {self._language.allowed}")
         if token.kind == "sign":
             self._broken(f"{token.text!r} at its character {token.begin + 1}")
-        self._refuse(
-            f"holds {self._text[token.begin : token.end]} where that is not allowed; there are {self._language.allowed}"
-        )
+        self._refuse(f"contains {self._text[token.begin : token.end]} in a wrong place; use {self._language.allowed}")
 
     def _broken(self, why: str) -> NoReturn:
-        self._refuse(f"is no {self._language.kind} ({why}); write for example {self._language.example}")
+        self._refuse(f"is not a valid {self._language.kind} ({why}); write, for example, {self._language.example}")
 
     def _refuse(self, sentence: str) -> NoReturn:
         raise ExpressionError(sentence)
 
 
-def _unspaced(text: str, kind: str = "name") -> str:
-    return re.sub(r"\s", "", text) if kind == "name" else text
+def _unspaced(name: str) -> str:
+    return re.sub(r"\s", "", name)

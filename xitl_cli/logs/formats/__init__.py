@@ -23,13 +23,13 @@ _ULOG_MAGIC = b"ULog\x01\x12\x35"
 
 _CAPTURE = "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"
 _OTHERS: tuple[tuple[bytes, str], ...] = (
-    (b"FMT, ", "a DataFlash log as text; give the .bin itself, as the autopilot wrote it"),
-    (b"\x1f\x8b", "packed with gzip; unpack it with `gunzip` and give what comes out"),
-    (b"PK\x03\x04", "a ZIP archive; unpack it and give the log inside"),
-    (b"\x28\xb5\x2f\xfd", "packed with Zstandard; unpack it with `unzstd` and give what comes out"),
-    (b"\xfd7zXZ\0", "packed with xz; unpack it with `unxz` and give what comes out"),
-    (b"BZh", "packed with bzip2; unpack it with `bunzip2` and give what comes out"),
-    (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive; unpack it and give the log inside"),
+    (b"FMT, ", "a DataFlash log as text; choose the .bin file that the autopilot wrote"),
+    (b"\x1f\x8b", "compressed with gzip; unpack it with `gunzip` and use the unpacked file"),
+    (b"PK\x03\x04", "a ZIP archive; unpack it and use the log inside"),
+    (b"\x28\xb5\x2f\xfd", "compressed with Zstandard; unpack it with `unzstd` and use the unpacked file"),
+    (b"\xfd7zXZ\0", "compressed with xz; unpack it with `unxz` and use the unpacked file"),
+    (b"BZh", "compressed with bzip2; unpack it with `bunzip2` and use the unpacked file"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive; unpack it and use the log inside"),
     *(
         (magic, _CAPTURE)
         for magic in (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\x0a\x0d\x0d\x0a")
@@ -38,7 +38,7 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
 """First bytes of files of other kinds, and the advice for each."""
 
 _ENDINGS = (".mcap", ".bin", ".tlog", ".ulg", ".bag", ".db3")
-_WANTED = "give a DataFlash .bin, an .ulg of PX4, a .tlog, an .mcap or a bag of ROS"
+_WANTED = "choose a DataFlash .bin, an .ulg of PX4, a .tlog, an .mcap or a bag of ROS"
 
 
 def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
@@ -77,9 +77,9 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
             return UlogLog(path)
         if head.startswith(_DATAFLASH_START):
             return _dataflash(path)
-        other = next((what for magic, what in _OTHERS if head.startswith(magic)), None)
-        if other is not None:
-            raise LogError(f"{path}: is {other}")
+        for magic, description in _OTHERS:
+            if head.startswith(magic):
+                raise LogError(f"{path}: is {description}")
         if _is_telemetry(head, size):
             from xitl_cli.logs.formats.tlog.file import TelemetryLog
 
@@ -92,7 +92,7 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
             return _of_vessel(added, vessel)
     except OSError as error:
         raise _unreadable(path, error) from error
-    raise LogError(f"{path}: is no log: {_looks_like(head)}; {_WANTED}")
+    raise LogError(f"{path}: is not a log: {_looks_like(head)}; {_WANTED}")
 
 
 def _is_bag_folder(path: Path) -> bool:
@@ -144,23 +144,21 @@ def _head(path: Path) -> tuple[bytes, int]:
                 names = sorted(entry.name for entry in path.iterdir() if entry.suffix.lower() in _ENDINGS)
             except OSError:
                 names = []
-            inside = (
-                _WANTED
-                if not names
-                else f"give a file of it, such as {path / next((n for n in names if n == 'run.mcap'), names[0])}"
-            )
-            raise LogError(f"{path}: is a directory; {inside}")
+            if not names:
+                raise LogError(f"{path}: is a directory; {_WANTED}")
+            example = "run.mcap" if "run.mcap" in names else names[0]
+            raise LogError(f"{path}: is a directory; choose a file in it, such as {path / example}")
         if not stat.S_ISREG(mode):  # a pipe would block until it has a writer
-            raise LogError(f"{path}: is no regular file; save what comes from it to a file and give that")
+            raise LogError(f"{path}: is not a regular file; save its data to a file and use that")
         with path.open("rb") as file:
             head = file.read(_LOOKED_AT_BYTES)
             size = path.stat().st_size
     except FileNotFoundError as error:
-        raise LogError(f"{path}: there is no such file; {_WANTED}") from error
+        raise LogError(f"{path}: does not exist; {_WANTED}") from error
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise _unreadable(path, error) from error
     if not head:
-        raise LogError(f"{path}: is empty: whatever was to write it has written nothing; {_WANTED}")
+        raise LogError(f"{path}: is empty, because nothing was written to it; {_WANTED}")
     return head, size
 
 
@@ -177,15 +175,21 @@ def _is_telemetry(head: bytes, size: int) -> bool:
 
     if not any(magic in head for magic in (b"\xfd", b"\xfe")):
         return False
-    found = index_frames(np.frombuffer(head, dtype=np.uint8))
-    if len(found.start) >= 2:
-        return bool(found.stamped.any())
-    return len(found.start) == 1 and int(found.start[0]) == 8 and len(head) == size
+    frames = index_frames(np.frombuffer(head, dtype=np.uint8))
+    if len(frames.start) >= 2:
+        return bool(frames.stamped.any())
+    return len(frames.start) == 1 and int(frames.start[0]) == 8 and len(head) == size
 
 
 def _looks_like(head: bytes) -> str:
-    if head[:1] in (b"\xfd", b"\xfe") and _is_bare_mavlink(head):
-        return "it holds MAVLink without the time stamps of a .tlog"
+    if head[:1] in (b"\xfd", b"\xfe"):
+        import numpy as np
+
+        from xitl_cli.logs.formats.tlog.frames import intact, parse_headers
+
+        data = np.frombuffer(head, dtype=np.uint8)
+        if intact(data, parse_headers(data, np.array([0], dtype=np.int64)))[0]:
+            return "it contains MAVLink without the time stamps of a .tlog"
     if not head.strip(b"\0"):
         return "it begins with nothing but zeros, as after a crash of the file system or a full disk"
     try:
@@ -196,12 +200,3 @@ def _looks_like(head: bytes) -> str:
         first = text.strip().split("\n", 1)[0].strip()
         return f"it is text that begins with {first[:40]!r}"
     return f"it begins with {' '.join(f'{byte:02x}' for byte in head[:8])}"
-
-
-def _is_bare_mavlink(head: bytes) -> bool:
-    import numpy as np
-
-    from xitl_cli.logs.formats.tlog.frames import intact, parse_headers
-
-    data = np.frombuffer(head, dtype=np.uint8)
-    return bool(intact(data, parse_headers(data, np.array([0], dtype=np.int64)))[0])

@@ -69,8 +69,8 @@ class LogHealth:
 
     def as_json(self) -> dict[str, Any]:
         undecoded = {name: {"rows": rows, "reason": why} for name, (rows, why) in self.undecoded.items()}
-        damage = [asdict(each) for each in self.damage]
-        counts = {each.name: getattr(self, each.name) for each in fields(self)}
+        damage = [asdict(place) for place in self.damage]
+        counts = {count.name: getattr(self, count.name) for count in fields(self)}
         return {"degraded": self.degraded, **counts, "undecoded": undecoded, "damage": damage}
 
 
@@ -92,8 +92,8 @@ class Losses:
 
     def health(self, size_bytes: int, records: int, **counts: Any) -> LogHealth:
         """These losses as LogHealth. counts: further fields of LogHealth that the reader knows."""
-        lost = {each.name: getattr(self, each.name) for each in fields(Losses)}
-        return LogHealth(size_bytes, records, **{**lost, "damage": tuple(self.damage), **counts})
+        losses = {loss.name: getattr(self, loss.name) for loss in fields(self)}
+        return LogHealth(size_bytes, records, **{**losses, "damage": tuple(self.damage), **counts})
 
 
 class Log(ABC):

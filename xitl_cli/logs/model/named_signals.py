@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Protocol
 
@@ -18,8 +17,9 @@ import numpy as np
 
 from xitl_cli.logs.expressions.evaluation import ARITIES, Evaluation, Quantity
 from xitl_cli.logs.expressions.syntax import ExpressionError, Language, Name, Tree, names_in, parse
-from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance, column_named, seconds_since
+from xitl_cli.logs.model.errors import LogError, UnknownNameError
+from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, column_named, rising, seconds_since
+from xitl_cli.logs.model.text import resolve_name
 
 TIME = "time_s"
 SIGNALS = Language("expression", "hypot(XKF1.VN, XKF1.VE)", ARITIES)
@@ -68,10 +68,10 @@ class LogSignal:
         """Sentence on the stamps of the signal; "" if it uses only one message."""
         if not self.interpolated:
             return ""
-        return f"{self.name}: at the times of {self.base}, with {', '.join(self.interpolated)} brought onto them"
+        return f"{self.name}: at the times of {self.base}, with {', '.join(self.interpolated)} resampled"
 
 
-class NamedTables(Protocol):
+class SignalSource(Protocol):
     """Part of a log that the search for signals needs."""
 
     path: Path
@@ -89,7 +89,7 @@ class NamedTables(Protocol):
         """Instant of the log's zero on its own clock."""
 
 
-def find_signal(log: NamedTables, text: str, *, raw: bool = False) -> LogSignal:
+def find_signal(log: SignalSource, text: str, *, raw: bool = False) -> LogSignal:
     """Return the signal of a name or an expression. Of a message with instances, take the lowest. Raises LogError."""
     tree = parsed_signal(text, [log])
     if isinstance(tree, Name) or tree is None:
@@ -97,29 +97,29 @@ def find_signal(log: NamedTables, text: str, *, raw: bool = False) -> LogSignal:
     return expression_signal(log, text.strip(), tree, raw=raw)
 
 
-def signals_named(logs: Sequence[NamedTables], wanted: str, *, raw: bool = False) -> list[list[LogSignal]]:
+def signals_named(logs: Sequence[SignalSource], wanted: str, *, raw: bool = False) -> list[list[LogSignal]]:
     """For each log, the signals that match a name or an expression. Raises LogError if no log has any.
 
     The name of a message selects all its fields, for each instance. An expression uses the lowest instance.
     """
     tree = parsed_signal(wanted, logs)
-    found: list[list[LogSignal]] = []
-    why: list[LogError] = []
+    signals: list[list[LogSignal]] = []
+    refusals: list[LogError] = []
     for log in logs:
         try:
             if isinstance(tree, Name) or tree is None:
-                found.append(named_signals(log, wanted.strip(), raw))
+                signals.append(named_signals(log, wanted.strip(), raw))
             else:
-                found.append([expression_signal(log, wanted.strip(), tree, raw=raw)])
+                signals.append([expression_signal(log, wanted.strip(), tree, raw=raw)])
         except LogError as error:
-            found.append([])
-            why.append(error)
-    if len(why) == len(logs):
-        raise why[0]
-    return found
+            signals.append([])
+            refusals.append(error)
+    if len(refusals) == len(logs):
+        raise refusals[0]
+    return signals
 
 
-def parsed_signal(text: str, logs: Sequence[NamedTables]) -> Tree | None:
+def parsed_signal(text: str, logs: Sequence[SignalSource]) -> Tree | None:
     """Expression tree of the text; None if the text is the plain name of a signal. Raises LogError."""
     try:
         return parse(text, SIGNALS, [name for log in logs for name in log.tables])
@@ -130,14 +130,20 @@ def parsed_signal(text: str, logs: Sequence[NamedTables]) -> Tree | None:
         raise LogError(f"{text!r} {error}") from None
 
 
-def expression_signal(log: NamedTables, text: str, tree: Tree, *, raw: bool = False) -> LogSignal:
+def expression_signal(log: SignalSource, text: str, tree: Tree, *, raw: bool = False) -> LogSignal:
     """Evaluate an expression. Raises LogError."""
     paths = [path for path in dict.fromkeys(names_in(tree)) if path.casefold() != TIME]
     signals = {path: _single(log, path, raw) for path in paths}
     if not signals:
-        raise LogError(f"{text!r} names no signal; write one such as ATT.Roll in it")
+        raise LogError(f"{text!r} contains no signal; add one, such as ATT.Roll")
     stamp_ns, base = _time_base(text, list(signals.values()))
-    values = {path: Quantity(_on_base(signal, base, stamp_ns), signal.unit) for path, signal in signals.items()}
+    values: dict[str, Quantity] = {}
+    for path, signal in signals.items():
+        if signal.base == base:
+            span = (signal.stamp_ns >= stamp_ns[0]) & (signal.stamp_ns <= stamp_ns[-1])
+            values[path] = Quantity(signal.values[rising(signal.stamp_ns) & span], signal.unit)
+        else:
+            values[path] = Quantity(interpolation(signal)(stamp_ns), signal.unit)
     seconds = seconds_since(log.zero_ns, stamp_ns)
     evaluation = Evaluation(text, lambda path: values.get(path) or Quantity(seconds, "s"), lambda: seconds)
     try:
@@ -146,7 +152,7 @@ def expression_signal(log: NamedTables, text: str, tree: Tree, *, raw: bool = Fa
     except ExpressionError as error:
         raise LogError(f"{text!r} {error}") from None
     if result.is_text:
-        raise LogError(f"{text!r} is a text, which is no signal; compare it with something")
+        raise LogError(f"{text!r} is a text, not a signal; compare it with another text")
     others = tuple(dict.fromkeys(signal.base for signal in signals.values() if signal.base != base))
     numbers = np.broadcast_to(np.asarray(result.values, dtype=np.float64), stamp_ns.shape).copy()
     notes = tuple(dict.fromkeys(evaluation.notes))
@@ -159,30 +165,14 @@ def _time_base(text: str, signals: Sequence[LogSignal]) -> tuple[Stamps, str]:
     """Rising stamps of the signal with the most rows, within the common span of all, and its message."""
     cleaned = {signal.base: rising(signal.stamp_ns) for signal in signals}
     stamps = {signal.base: signal.stamp_ns[cleaned[signal.base]] for signal in signals}
-    begin = max(int(each[0]) for each in stamps.values())
+    begin = max(int(own[0]) for own in stamps.values())
     moving = [stamps[signal.base] for signal in signals if not signal.held] or list(stamps.values())
-    end = min(int(each[-1]) for each in moving)
-    inside = {name: each[(each >= begin) & (each <= end)] for name, each in stamps.items()}
+    end = min(int(own[-1]) for own in moving)
+    inside = {name: own[(own >= begin) & (own <= end)] for name, own in stamps.items()}
     base = max(inside, key=lambda name: len(inside[name]))
     if not len(inside[base]):
-        raise LogError(f"{text!r}: {' and '.join(stamps)} have no time in common")
+        raise LogError(f"{text!r}: {' and '.join(stamps)} do not overlap in time")
     return inside[base], base
-
-
-def _on_base(signal: LogSignal, base: str, stamp_ns: Stamps) -> Floats:
-    if signal.base != base:
-        return interpolation(signal)(stamp_ns)
-    kept = rising(signal.stamp_ns) & (signal.stamp_ns >= stamp_ns[0]) & (signal.stamp_ns <= stamp_ns[-1])
-    values: Floats = signal.values[kept]
-    return values
-
-
-def rising(stamp_ns: Stamps) -> Flags:
-    """(N,) True in rows that are later than all previous rows."""
-    if not len(stamp_ns):
-        return np.ones(0, dtype=np.bool_)
-    newest = np.maximum.accumulate(stamp_ns)
-    return np.concatenate(([True], stamp_ns[1:] > newest[:-1]))
 
 
 def interpolation(signal: LogSignal) -> Callable[[Stamps], Floats]:
@@ -190,12 +180,18 @@ def interpolation(signal: LogSignal) -> Callable[[Stamps], Floats]:
 
     It gives NaN before the first row. After the last row, it gives NaN or, for a held signal, the last value.
     """
-    kept = rising(signal.stamp_ns) & (np.isfinite(signal.values) | signal.held)
-    stamp_ns, values = signal.stamp_ns[kept], signal.values[kept]
+    usable = rising(signal.stamp_ns) & (np.isfinite(signal.values) | signal.held)
+    stamp_ns, values = signal.stamp_ns[usable], signal.values[usable]
     if not len(values):
         return lambda at_ns: np.full(len(at_ns), np.nan)
     if signal.held:
-        return lambda at_ns: _held(stamp_ns, values, at_ns)
+
+        def held_at(at_ns: Stamps) -> Floats:
+            last = np.searchsorted(stamp_ns, at_ns, "right") - 1
+            result: Floats = np.where(last >= 0, values[np.maximum(last, 0)], np.nan)
+            return result
+
+        return held_at
     turn = _TURNS.get(signal.unit)
     smooth = values if turn is None else np.unwrap(values, period=turn)
     low = None if turn is None or np.array_equal(smooth, values) else 0.0 if values.min() >= 0.0 else -turn / 2.0
@@ -203,25 +199,19 @@ def interpolation(signal: LogSignal) -> Callable[[Stamps], Floats]:
     pause_ns = max(_LEAST_PAUSE_NS, _PAUSE_IN_INTERVALS * float(np.median(steps))) if len(steps) else 0.0
 
     def at(at_ns: Stamps) -> Floats:
-        found: Floats = np.interp((at_ns - stamp_ns[0]) * 1.0, (stamp_ns - stamp_ns[0]) * 1.0, smooth, np.nan, np.nan)
+        result: Floats = np.interp((at_ns - stamp_ns[0]) * 1.0, (stamp_ns - stamp_ns[0]) * 1.0, smooth, np.nan, np.nan)
         after = np.clip(np.searchsorted(stamp_ns, at_ns, "left"), 1, max(len(stamp_ns) - 1, 1))
         if len(steps):
             exact = stamp_ns[np.clip(np.searchsorted(stamp_ns, at_ns, "left"), 0, len(stamp_ns) - 1)] == at_ns
-            found[(steps[after - 1] > pause_ns) & ~exact] = np.nan
+            result[(steps[after - 1] > pause_ns) & ~exact] = np.nan
         if low is not None and turn is not None:
-            found = np.mod(found - low, turn) + low
-        return found
+            result = np.mod(result - low, turn) + low
+        return result
 
     return at
 
 
-def _held(stamp_ns: Stamps, values: Floats, at_ns: Stamps) -> Floats:
-    last = np.searchsorted(stamp_ns, at_ns, "right") - 1
-    found: Floats = np.where(last >= 0, values[np.maximum(last, 0)], np.nan)
-    return found
-
-
-def table_of(log: NamedTables, path: str) -> Table | None:
+def table_of(log: SignalSource, path: str) -> Table | None:
     """Table named at the beginning of the path; the longest name if several match."""
     folded = path.casefold()
     names = [
@@ -236,15 +226,15 @@ def table_of(log: NamedTables, path: str) -> Table | None:
     return log.tables[name] if name and name in log.tables else None
 
 
-def _single(log: NamedTables, path: str, raw: bool) -> LogSignal:
-    found = named_signals(log, path, raw, lowest=True)
-    if len(found) > 1:
-        names = ", ".join(signal.name for signal in found[:4])
-        raise LogError(f"{path} is {len(found)} signals; write one of them, such as {names}")
-    return found[0]
+def _single(log: SignalSource, path: str, raw: bool) -> LogSignal:
+    signals = named_signals(log, path, raw, lowest=True)
+    if len(signals) > 1:
+        names = ", ".join(signal.name for signal in signals[:4])
+        raise LogError(f"{path} stands for {len(signals)} signals; choose one, such as {names}")
+    return signals[0]
 
 
-def named_signals(log: NamedTables, path: str, raw: bool = False, *, lowest: bool = False) -> list[LogSignal]:
+def named_signals(log: SignalSource, path: str, raw: bool = False, *, lowest: bool = False) -> list[LogSignal]:
     """Fields of a message. Raises LogError.
 
     Without an instance in the path, these are the fields of every instance, or of the lowest if `lowest` is True.
@@ -254,50 +244,52 @@ def named_signals(log: NamedTables, path: str, raw: bool = False, *, lowest: boo
         raise no_message(log, path)
     rest = _REST.fullmatch(path[len(table.name) :])
     if rest is None:
-        raise LogError(f"{path!r} names no signal; write {table.name}.FIELD, or {table.name}[1].FIELD for an instance")
-    parts = _instances(table, rest["instance"])
-    return [
-        signal
-        for label, part in (parts[:1] if lowest else parts)
-        for signal in _columns(part, label, rest["column"], raw, log.zero_ns)
-    ]
+        raise LogError(
+            f"{path!r} is not the name of a signal; write {table.name}.FIELD, or {table.name}[1].FIELD for an instance"
+        )
+    # The tables of the instances, each with its label.
+    number, wanted = rest["instance"], rest["column"]
+    if table.instance is None:
+        if int(number or 0):
+            raise LogError(f"{table.name} has no instances; write {table.name}.FIELD")
+        parts = {table.name: table}
+    else:
+        split = by_instance(table)
+        if number is not None and int(number) not in split:
+            instances = ", ".join(f"{table.name}[{instance}]" for instance in split)
+            raise LogError(f"{table.name} has no instance {number}; choose from {instances}")
+        numbers = list(split) if number is None else [int(number)]
+        plain = number is None and len(split) == 1
+        parts = {table.name if plain else f"{table.name}[{own}]": split[own] for own in numbers}
+    if lowest:
+        parts = dict(list(parts.items())[:1])
+    # The field, with or without index, or every numeric field.
+    signals: list[LogSignal] = []
+    for label, part in parts.items():
+        if wanted is None:
+            columns = signal_columns(part)
+            if not columns:
+                raise LogError(f"{label} has no numeric field; `xitl logs dump` shows its fields")
+            for name in columns:
+                signals += _components(part, label, name, None, raw, log.zero_ns)
+        else:
+            indexed = None if wanted in part.columns else _INDEXED.fullmatch(wanted)
+            name = column_named(part, indexed["column"] if indexed else wanted)
+            index = int(indexed["index"]) if indexed else None
+            signals += _components(part, label, name, index, raw, log.zero_ns)
+    return signals
 
 
-def no_message(log: NamedTables, path: str) -> LogError:
+def no_message(log: SignalSource, path: str) -> LogError:
     """Error for a name that begins with no message of the log."""
     typed = re.split(r"[.\[]", path, maxsplit=1)[0]
     if typed.casefold() in map(str.casefold, log.rowless):
-        return LogError(f"{log.path}: has no row of {typed}; `xitl logs info` lists what it has")
-    known = {name.casefold(): name for name in log.tables}
-    near = get_close_matches(typed.casefold(), known, n=1)
-    advice = f"did you mean {known[near[0]]}? " if near else ""
-    return LogError(f"{log.path}: has no message {typed!r}; {advice}`xitl logs info` lists them")
-
-
-def _instances(table: Table, wanted: str | None) -> list[tuple[str, Table]]:
-    if table.instance is None:
-        if int(wanted or 0):
-            raise LogError(f"{table.name} has no instances; write {table.name}.FIELD")
-        return [(table.name, table)]
-    split = by_instance(table)
-    if wanted is None:
-        return [(f"{table.name}[{number}]" if len(split) > 1 else table.name, part) for number, part in split.items()]
-    if int(wanted) not in split:
-        there = ", ".join(f"{table.name}[{number}]" for number in split)
-        raise LogError(f"{table.name} has no instance {wanted}; there is {there}")
-    return [(f"{table.name}[{wanted}]", split[int(wanted)])]
-
-
-def _columns(table: Table, label: str, wanted: str | None, raw: bool, zero_ns: int) -> list[LogSignal]:
-    """Signals of the wanted field, with or without index; None: of every numeric field except time and instance."""
-    if wanted is None:
-        columns = signal_columns(table)
-        if not columns:
-            raise LogError(f"{label} has no field that is a number; `xitl logs dump` shows what it has")
-        return [signal for name in columns for signal in _components(table, label, name, None, raw, zero_ns)]
-    indexed = None if wanted in table.columns else _INDEXED.fullmatch(wanted)
-    name = column_named(table, indexed["column"] if indexed else wanted)
-    return _components(table, label, name, int(indexed["index"]) if indexed else None, raw, zero_ns)
+        return LogError(f"{log.path}: has no row of {typed}; `xitl logs info` lists the messages with rows")
+    try:
+        resolve_name(typed, log.tables, f"{log.path}: has no message", "`xitl logs info` lists them")
+    except UnknownNameError as error:
+        return error
+    return LogError(f"{path!r} is not the name of a signal; write {typed}.FIELD")
 
 
 def signal_columns(table: Table) -> list[str]:
@@ -311,7 +303,7 @@ def _components(
 ) -> list[LogSignal]:  # fmt: skip
     column = table.columns[name]
     if column.kind != "number":
-        raise LogError(f"{table.name}.{name} is {column.kind}, which cannot be drawn; `xitl logs dump` shows it")
+        raise LogError(f"{table.name}.{name} is {column.kind}, which cannot be plotted; `xitl logs dump` shows it")
     stored = np.asarray(table.values(name, raw=raw))
     values = stored.astype(np.float64)
     unit = column.raw_unit if raw else column.unit
@@ -322,9 +314,9 @@ def _components(
         return [LogSignal(f"{label}.{name}", unit, table.stamp_ns, values, label, zero_ns, held)]
     flat = values.reshape(len(values), -1)
     if index is not None and index >= flat.shape[1]:
-        raise LogError(f"{table.name}.{name} has {flat.shape[1]} numbers a row; [{index}] is beyond them")
+        raise LogError(f"{table.name}.{name} has {flat.shape[1]} elements per row; [{index}] does not exist")
     chosen = range(min(flat.shape[1], _MOST_COMPONENTS)) if index is None else (index,)
     return [
-        LogSignal(f"{label}.{name}[{each}]", unit, table.stamp_ns, flat[:, each], label, zero_ns, held)
-        for each in chosen
+        LogSignal(f"{label}.{name}[{element}]", unit, table.stamp_ns, flat[:, element], label, zero_ns, held)
+        for element in chosen
     ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from xitl_cli.logs.expressions.evaluation import ARITIES, LACKING, TIMED, Evalua
 from xitl_cli.logs.expressions.syntax import ExpressionError, Language, functions_in, names_in, parse
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.named_signals import TIME, find_signal, interpolation, no_message, table_of
 from xitl_cli.logs.model.table import Floats, Rows, Stamps, Table, column_named, seconds_since
 from xitl_cli.logs.model.text import resolve_name
 
@@ -25,7 +26,6 @@ NS_PER_S = 1_000_000_000
 _FIRST, _MOST = 256, 16_384
 _SEQUENTIAL_BYTES = 64 << 20
 _INDEXED = re.compile(r"\[(\d+)\]$")
-TIME = "time_s"
 CONDITIONS = Language("condition", "'Roll > 5 and I == 0'", ARITIES)
 
 
@@ -43,7 +43,7 @@ def tables_named(log: Log, wanted: Iterable[str]) -> NamedTables:
     """The tables of messages or topics; "IMU,ATT" are two names. Raises LogError."""
     names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
     if not len(log):
-        raise LogError(f"{log.path}: holds no message that can be read; `xitl logs info` says what is wrong with it")
+        raise LogError(f"{log.path}: has no readable message; `xitl logs info` shows its damage")
     known = {name.casefold(): name for name in log.rowless}
     without = {name: known[name.casefold()] for name in names if name.casefold() in known}
     tables = {table.name: table for table in (log[name] for name in names if name not in without)}
@@ -54,7 +54,7 @@ def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tup
     """First and last stamp of a span given in seconds. Raises LogError for an empty span."""
     for option, value in (("--from", from_s), ("--until", until_s)):
         if value is not None and not (math.isfinite(value) and abs(value) < 9e9):
-            raise LogError(f"{option} = {value} is no time in a log; give seconds since {log.zero_in_words}")
+            raise LogError(f"{option} = {value} is not a time in a log; give seconds since {log.zero_in_words}")
     if from_s is not None and until_s is not None and until_s < from_s:
         raise LogError(f"--until = {until_s:g} is before --from = {from_s:g}; swap them")
     zero = log.zero_ns
@@ -141,7 +141,7 @@ class Condition:
             raise LogError(f"{self.text!r} {error}") from None
         self.notes.update(dict.fromkeys(evaluation.notes))
         if not result.is_truth:
-            raise LogError(f"{self.text!r} is a value and no condition; compare it with something, such as '… > 0'")
+            raise LogError(f"{self.text!r} is a value, not a condition; compare it, such as '… > 0'")
         count = len(table.stamp_ns[rows])
         return np.broadcast_to(np.asarray(result.values, dtype=np.bool_), (count,))
 
@@ -150,8 +150,8 @@ class Condition:
     ) -> Quantity:  # fmt: skip
         """A field of the row, else another message's signal at the row's time."""
         # Split a path into field and element: "V[1]" gives ("V", 1).
-        found = _INDEXED.search(path)
-        base, element = (path, None) if found is None else (path[: found.start()], int(found[1]))
+        index = _INDEXED.search(path)
+        base, element = (path, None) if index is None else (path[: index.start()], int(index[1]))
         if base in lacks:
             return LACKING
         if base == TIME and TIME not in table.columns:
@@ -159,23 +159,17 @@ class Condition:
         field = _own_field(table, base)
         if field is None and self._elsewhere(base):
             stamp_ns = table.stamp_ns[rows]
-            from xitl_cli.logs.model.named_signals import find_signal, interpolation
-
             assert self._log is not None
             if path not in self._others:
                 signal = find_signal(self._log, path, raw=raw)
                 self._others[path], self._units[path] = interpolation(signal), signal.unit
             return Quantity(self._others[path](stamp_ns), self._units[path])
         if field is None and self._log is not None and "." in base and not any("." in name for name in table.columns):
-            from xitl_cli.logs.model.named_signals import no_message
-
             raise no_message(self._log, path)
         return self._field(table, column_named(table, base if field is None else field), element, rows, raw)
 
     def _elsewhere(self, name: str) -> bool:
         """Whether the name begins with a message of the log. If so, the field is read from that message."""
-        from xitl_cli.logs.model.named_signals import table_of
-
         return self._log is not None and table_of(self._log, name) is not None
 
     def _field(self, table: Table, name: str, element: int | None, rows: Rows, raw: bool) -> Quantity:
@@ -183,15 +177,17 @@ class Condition:
         if element is None and column.shape:
             raise LogError(f"{self.text!r}: {name} of {table.name} is an array; write {name}[0]")
         if element is not None and len(column.shape) != 1:
-            raise LogError(f"{self.text!r}: {name} of {table.name} is no array; leave [{element}] out")
+            raise LogError(f"{self.text!r}: {name} of {table.name} is not an array; remove [{element}]")
         if column.kind == "bytes":
-            raise LogError(f"{self.text!r}: {name} of {table.name} is bytes, which are not compared")
+            raise LogError(f"{self.text!r}: {name} of {table.name} holds bytes, which cannot be compared")
         values = table.values(name, rows, raw=raw)
         if values.dtype.kind in "iu":  # small integers would overflow
             values = values.astype(np.float64 if values.dtype == np.uint64 else np.int64)
         if element is not None:
             if element >= values.shape[1]:
-                raise LogError(f"{self.text!r}: {name} of {table.name} has {values.shape[1]} elements, from 0")
+                raise LogError(
+                    f"{self.text!r}: {name} of {table.name} has {values.shape[1]} elements; the first is [0]"
+                )
             values = values[:, element]
         return Quantity(values, column.raw_unit if raw else column.unit)
 
@@ -246,10 +242,17 @@ def merge_rows(
         owner, rows = owner[order], rows[order]
     begin, size = 0, _FIRST
     while begin < len(rows):
-        some = slice(begin, begin + size)
-        batch = _batch(tables, owner[some], rows[some], condition, lacked, zero_ns, raw)
-        if len(batch.order):
-            yield batch
+        part_owner, part_rows = owner[begin : begin + size], rows[begin : begin + size]
+        if condition is not None:
+            selected = np.ones(len(part_rows), dtype=np.bool_)
+            for number, table in enumerate(tables):
+                own = np.flatnonzero(part_owner == number)
+                if len(own):
+                    lacks = lacked.get(table.name, ())
+                    selected[own] = condition.holds(table, part_rows[own], zero_ns, raw=raw, lacks=lacks)
+            part_owner, part_rows = part_owner[selected], part_rows[selected]
+        if len(part_owner):
+            yield RowBatch(tuple(part_rows[part_owner == number] for number in range(len(tables))), part_owner)
         begin, size = begin + size, min(size * 2, at_once)
 
 
@@ -272,23 +275,3 @@ def rows_between(table: Table, from_ns: int | None, until_ns: int | None) -> NDA
     if until_ns is not None:
         inside &= stamps <= until_ns
     return np.flatnonzero(inside)
-
-
-def _batch(
-    tables: Sequence[Table],
-    owner: NDArray[np.intp],
-    rows: NDArray[np.intp],
-    condition: Condition | None,
-    lacked: Mapping[str, Collection[str]],
-    zero_ns: int,
-    raw: bool,
-) -> RowBatch:
-    kept = np.ones(len(rows), dtype=np.bool_)
-    if condition is not None:
-        for number, table in enumerate(tables):
-            own = np.flatnonzero(owner == number)
-            if len(own):
-                lacks = lacked.get(table.name, ())
-                kept[own] = condition.holds(table, rows[own], zero_ns, raw=raw, lacks=lacks)
-    owner, rows = owner[kept], rows[kept]
-    return RowBatch(tuple(rows[owner == number] for number in range(len(tables))), owner)

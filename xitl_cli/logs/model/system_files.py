@@ -55,21 +55,18 @@ def embedded_files(log: Log) -> Mapping[str, EmbeddedFile]:
             pieces[name] = {0: data[: int(length)]}
         else:
             pieces.setdefault(name, {})[int(offset)] = data[: int(length)]
-    return {
-        name: _together(pieces.get(name, {}), refused.get(name, 0)) for name in sorted(pieces.keys() | refused.keys())
-    }
-
-
-def _together(pieces: Mapping[int, bytes], refused: int) -> EmbeddedFile:
-    content = bytearray()
-    gaps = lost = 0
-    for offset, data in sorted(pieces.items()):
-        if offset > len(content):
-            gaps += 1
-            lost += offset - len(content)
-            content.extend(bytes(offset - len(content)))
-        content[offset : offset + len(data)] = data
-    return EmbeddedFile(bytes(content), gaps, lost, refused)
+    files: dict[str, EmbeddedFile] = {}
+    for name in sorted(pieces.keys() | refused.keys()):
+        content = bytearray()
+        gaps = lost = 0
+        for offset, data in sorted(pieces.get(name, {}).items()):
+            if offset > len(content):
+                gaps += 1
+                lost += offset - len(content)
+                content.extend(bytes(offset - len(content)))
+            content[offset : offset + len(data)] = data
+        files[name] = EmbeddedFile(bytes(content), gaps, lost, refused.get(name, 0))
+    return files
 
 
 TASKS_PATH = "@SYS/tasks.txt"
@@ -100,24 +97,16 @@ class TaskTime:
 
 def parse_tasks(text: str) -> list[TaskTime]:
     """Tasks in the order of the file, which is the order of priority. Lines without a task are ignored."""
-    found: list[TaskTime] = []
+    tasks: list[TaskTime] = []
     for line in text[:TASKS_MOST_BYTES].splitlines():
         match = _LINE.fullmatch(line[:200].strip())
         if match is None:
             continue
         name = match["name"]
-        found.append(
-            TaskTime(
-                name.rstrip("*"),
-                name.endswith("*"),
-                int(match["min"][:9]),
-                int(match["max"][:9]),
-                int(match["avg"][:9]),
-                int(match["ovr"][:9]),
-                float(match["tot"][:12]),
-            )
-        )
-    return found
+        least_us, most_us, mean_us, overruns = (int(match[key][:9]) for key in ("min", "max", "avg", "ovr"))
+        share = float(match["tot"][:12])
+        tasks.append(TaskTime(name.rstrip("*"), name.endswith("*"), least_us, most_us, mean_us, overruns, share))
+    return tasks
 
 
 def tasks_counted(tasks: Sequence[TaskTime]) -> bool:

@@ -168,6 +168,14 @@ def seconds_since(zero_ns: int, stamp_ns: Stamps) -> Floats:
     return np.multiply(stamp_ns - zero_ns, 1e-9, dtype=np.float64)
 
 
+def rising(stamp_ns: Stamps) -> Flags:
+    """(N,) True in rows that are later than all previous rows."""
+    if not len(stamp_ns):
+        return np.ones(0, dtype=np.bool_)
+    newest = np.maximum.accumulate(stamp_ns)
+    return np.concatenate(([True], stamp_ns[1:] > newest[:-1]))
+
+
 def steps_back(stamp_ns: NDArray[np.int64]) -> int:
     """Number of stamps earlier than the previous stamp."""
     return int(np.count_nonzero(stamp_ns[1:] < stamp_ns[:-1]))
@@ -234,19 +242,22 @@ def stretches(rows: NDArray[np.intp], at_once: int) -> list[NDArray[np.intp]]:
 
 def flat_columns(table: Table, pieces: Sequence[NDArray[np.intp]], raw: bool) -> tuple[list[FlatColumn], list[str]]:
     """Columns, and the names of omitted columns: those with more than MOST_ELEMENTS numbers per row."""
-    found: list[FlatColumn] = []
+    flat: list[FlatColumn] = []
     left_out: list[str] = []
     for column in table.columns.values():
         if not column.shape:
-            found.append(FlatColumn(column.name, column, None))
+            flat.append(FlatColumn(column.name, column, None))
             continue
-        shape = column.shape if -1 not in column.shape else _longest(table, column.name, pieces, raw)
+        shape = column.shape
+        if -1 in shape:  # the longest row decides
+            shapes = [table.values(column.name, piece, raw=raw).shape[1:] for piece in pieces]
+            shape = max([(0,), *shapes])
         if int(np.prod(shape)) > MOST_ELEMENTS:
             left_out.append(column.name)
             continue
         for number, at in enumerate(product(*map(range, shape))):
-            found.append(FlatColumn(column.name + "".join(f"[{index}]" for index in at), column, number))
-    return found, left_out
+            flat.append(FlatColumn(column.name + "".join(f"[{index}]" for index in at), column, number))
+    return flat, left_out
 
 
 def flat_values(table: Table, columns: Sequence[FlatColumn], rows: NDArray[np.intp], raw: bool) -> list[NDArray[Any]]:
@@ -268,13 +279,6 @@ def flat_values(table: Table, columns: Sequence[FlatColumn], rows: NDArray[np.in
     return result
 
 
-def _longest(table: Table, name: str, pieces: Sequence[NDArray[np.intp]], raw: bool) -> tuple[int, ...]:
-    longest: tuple[int, ...] = (0,)
-    for piece in pieces:
-        longest = max(longest, table.values(name, piece, raw=raw).shape[1:])
-    return longest
-
-
 def data_frame(table: Table, raw: bool) -> Any:
     """See `Table.to_pandas`."""
     try:
@@ -285,6 +289,6 @@ def data_frame(table: Table, raw: bool) -> Any:
     columns, _ = flat_columns(table, [every], raw)
     index = pd.Index(table.stamp_ns * 1e-9, name="time_s")
     values = flat_values(table, columns, every, raw)
-    frame = pd.DataFrame({flat.name: one for flat, one in zip(columns, values, strict=True)}, index=index)
+    frame = pd.DataFrame({flat.name: array for flat, array in zip(columns, values, strict=True)}, index=index)
     frame.attrs["units"] = {flat.name: flat.column.raw_unit if raw else flat.column.unit for flat in columns}
     return frame

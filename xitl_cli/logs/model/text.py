@@ -41,7 +41,7 @@ def parse_seconds(text: str) -> float:
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 3 or not all(math.isfinite(number) and number >= 0 for number in numbers):
-        raise LogError(f"{text!r} is no time; write seconds (90.5), minutes (1:30.5) or hours (1:02:03)")
+        raise LogError(f"{text!r} is not a time; write seconds (90.5), minutes (1:30.5) or hours (1:02:03)")
     total = 0.0
     for number in numbers:
         total = total * 60.0 + number
@@ -63,21 +63,21 @@ def resolve_name(wanted: str, known: Collection[str], lacks: str, advice: str) -
 
     Raises UnknownNameError with `lacks`, the wanted name, the nearest name and `advice`.
     """
-    from difflib import get_close_matches
-
     if wanted in known:
         return wanted
     folded = {name.casefold(): name for name in reversed(list(known))}
-    if (found := folded.get(wanted.casefold())) is not None:
-        return found
+    if wanted.casefold() in folded:
+        return folded[wanted.casefold()]
+    from difflib import get_close_matches
+
     near = get_close_matches(wanted.casefold(), folded, n=1)
     suggestion = f"did you mean {folded[near[0]]!r}? " if near else ""
     raise UnknownNameError(f"{lacks} {wanted!r}; {suggestion}{advice}")
 
 
-def plural(many: int, one: str, more: str = "") -> str:
-    """Number with its noun: 1 row, 2 rows. more: a plural that is not formed with an s."""
-    return f"{many} {one if many == 1 else more or one + 's'}"
+def plural(count: int, noun: str, irregular: str = "") -> str:
+    """Number with its noun: 1 row, 2 rows. irregular: a plural that is not formed with an s."""
+    return f"{count} {noun if count == 1 else irregular or noun + 's'}"
 
 
 def listed(names: Collection[str]) -> str:

@@ -20,11 +20,11 @@ MARKS = ("ground_truth/odom", "robot_description")
 def namespaces_of_vessels(topics: Iterable[str]) -> dict[str, str]:
     """Namespace of each vessel (`/harbour/alpha`) by its name; empty if the bag has fewer than two vessels."""
     marked = {topic.removesuffix(f"/{mark}") for topic in topics for mark in MARKS if topic.endswith(f"/{mark}")} - {""}
-    found = sorted(one for one in marked if not any(one.startswith(f"{other}/") for other in marked))  # not nested
-    if len(found) < 2:
+    outermost = sorted(name for name in marked if not any(name.startswith(f"{other}/") for other in marked))
+    if len(outermost) < 2:
         return {}
-    shared = commonpath(found).rstrip("/")
-    return {namespace.removeprefix(f"{shared}/"): namespace for namespace in found}
+    shared = commonpath(outermost).rstrip("/")
+    return {namespace.removeprefix(f"{shared}/"): namespace for namespace in outermost}
 
 
 class VesselBag(LogView):
@@ -38,11 +38,10 @@ class VesselBag(LogView):
         self._namespaces = namespaces_of_vessels([*bag.tables, *bag.rowless])
         if not self._namespaces:
             marks = " or ".join(f"/{vessel}/{mark}" for mark in MARKS)
-            raise LogError(f"{bag.path}: is of one vessel alone, or has no {marks} to tell by; leave --vessel out")
+            raise LogError(f"{bag.path}: has one vessel only, or has no {marks} that names it; omit --vessel")
         self._vessel = vessel or next(iter(self._namespaces))
         if self._vessel not in self._namespaces:
-            there = ", ".join(self._namespaces)
-            raise LogError(f"{bag.path}: has no vessel {vessel!r}; it is of {there}")
+            raise LogError(f"{bag.path}: has no vessel {vessel!r}; choose from {', '.join(self._namespaces)}")
         named = ((self._shown(name), table) for name, table in bag.tables.items())
         self._tables = dict(sorted((name, NamedTable(name, table)) for name, table in named if name is not None))
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -19,13 +19,13 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Mark, Plot, Section, Trace
 from xitl_cli.logs.model.table import whole_ns
-from xitl_cli.logs.report.contradictions import without_contradictions
+from xitl_cli.logs.report.causes import without_contradictions
 from xitl_cli.logs.report.file_report import FileReport, RefusedFile
 from xitl_cli.logs.report.model import MapTrack, MapWaypoint, Overview, Report
 from xitl_cli.logs.report.plots import thin
 from xitl_cli.logs.report.signal_data import MOST_BYTES, HeldLog, held_log
 from xitl_cli.logs.report.wording import vehicle_line
-from xitl_cli.logs.signals import Series, StateSpan
+from xitl_cli.logs.signals import Series, SignalSource, StateSpan
 from xitl_cli.logs.signals.missions import mission_rows
 from xitl_cli.logs.summary import vehicle_facts
 
@@ -60,9 +60,9 @@ def build_overview(logs: Sequence[Log], files: Sequence[FileReport]) -> Overview
     by_unit: dict[str, list[Trace]] = {}
     for source in sources:
         names = signals.output_names(source.log)
-        for channel, found in signals.outputs(source.log).items():
-            name = f"channel {channel}" if found.unit else names.get(channel, f"channel {channel}")
-            by_unit.setdefault(found.unit, []).append(_trace(source, name, found, "steps"))
+        for channel, output in signals.outputs(source.log).items():
+            name = f"channel {channel}" if output.unit else names.get(channel, f"channel {channel}")
+            by_unit.setdefault(output.unit, []).append(_trace(source, name, output, "steps"))
     plots = [
         _over_time("overview.speed", "Speed over ground", "m/s", sources, _SPEEDS),
         _over_time("overview.yaw", "Yaw", "deg", sources, _YAWS),
@@ -77,14 +77,11 @@ def build_overview(logs: Sequence[Log], files: Sequence[FileReport]) -> Overview
         ],
     ]
     modes, armed = state_marks(sources, signals.modes), state_marks(sources, signals.armed)
-    lacks = [
-        sentence
-        for there, sentence in (
-            (tracks, "no position was logged, so there is no map: POS, GPS or an odometry topic would give one"),
-            (modes, "no mode was logged: MODE messages or heartbeats would tell"),
-        )
-        if not there
-    ]
+    lacks = []
+    if not tracks:
+        lacks.append("no position was logged, so there is no map; log POS, GPS or an odometry topic")
+    if not modes:
+        lacks.append("no mode was logged; log MODE messages or heartbeats")
     return Overview(
         tuple(plot for plot in plots if plot is not None),
         tuple(tracks),
@@ -110,19 +107,19 @@ _YAWS: tuple[tuple[str, Read], ...] = (
 def _over_time(
     key: str, title: str, unit: str, sources: Sequence[ReportLog], reads: tuple[tuple[str, Read], ...]
 ) -> Plot | None:
-    traces = [
-        _trace(source, f"{name} ({found.source})", found)
-        for source in sources
-        for name, read in reads
-        if (found := read(source.log)) is not None
-    ]
+    traces = []
+    for source in sources:
+        for name, read in reads:
+            series = read(source.log)
+            if series is not None:
+                traces.append(_trace(source, f"{name} ({series.source})", series))
     return Plot(key, title, f"{title.split()[0].lower()} ({unit})", tuple(traces)) if traces else None
 
 
-def _trace(source: ReportLog, name: str, found: Series, style: Style = "line") -> Trace:
-    at_ns = whole_ns(source.time_line.seconds(found.stamp_ns) * 1e9)
-    values = found.values
-    if found.turns:
+def _trace(source: ReportLog, name: str, series: Series, style: Style = "line") -> Trace:
+    at_ns = whole_ns(source.time_line.seconds(series.stamp_ns) * 1e9)
+    values = series.values
+    if series.turns:
         # Values without the line across the plot at the step from 360 to 0.
         turns = np.flatnonzero(np.abs(np.diff(values)) > 180.0) + 1
         at_ns, values = np.insert(at_ns, turns, at_ns[turns]), np.insert(values, turns, np.nan)
@@ -132,11 +129,11 @@ def _trace(source: ReportLog, name: str, found: Series, style: Style = "line") -
 def state_marks(sources: Sequence[ReportLog], read: Callable[[Log], list[StateSpan]]) -> tuple[Mark, ...]:
     """Marks of the first file that has them, on the report's time line."""
     for source in sources:
-        if found := read(source.log):
+        if spans := read(source.log):
             line = source.time_line
             return tuple(
                 Mark(round(line.second(span.from_ns) * 1e9), span.text, round(line.second(span.until_ns) * 1e9))
-                for span in found[:_MOST_SPANS]
+                for span in spans[:_MOST_SPANS]
             )
     return ()
 
@@ -146,18 +143,19 @@ def _ways(sources: Sequence[ReportLog]) -> tuple[list[MapTrack], list[MapWaypoin
     tracks: list[MapTrack] = []
     origin: tuple[float, float, float] | None = None
     for source in sources:
-        for name, of in (("estimate", "estimate"), ("truth", "truth")):
-            place = signals.position_ned(source.log, "truth" if of == "truth" else "estimate", origin)
+        for of in get_args(SignalSource):
+            place = signals.position_ned(source.log, of, origin)
             if place is None:
                 continue
             origin = origin or place.origin
-            speed = signals.ground_speed(source.log, "truth" if of == "truth" else "estimate")
-            if (track := _track(source, name, place.path, speed)) is not None:
+            track = _track(source, of, place.path, signals.ground_speed(source.log, of))
+            if track is not None:
                 tracks.append(track)
     waypoints: list[MapWaypoint] = []
     if origin is not None:
         frame = LocalFrame(*origin)
-        waypoints = next((found for source in sources if (found := _waypoints(source.log, frame))), [])
+        missions = (_waypoints(source.log, frame) for source in sources)
+        waypoints = next((mission for mission in missions if mission), [])
     return tracks, waypoints, origin
 
 
@@ -201,7 +199,7 @@ Progress = Callable[[str], None]
 def build_report(
     paths: Sequence[Path],
     analyses: Sequence[LogAnalysis],
-    told: Progress = lambda _: None,
+    progress: Progress = lambda _: None,
     vessel: str = "",
     *,
     overview: bool = True,
@@ -209,23 +207,32 @@ def build_report(
 ) -> Report:
     """Build a report of every file that can be opened; the others become refusals.
 
-    analyses: in the order of their sections. told: callback that gets the current step. vessel: as in `open_all`, for
-    recordings of several vessels. overview: whether the report begins with the overview. signals_held: whether the
+    analyses: in the order of their sections. progress: callback that gets the current step. vessel: as in `open_all`,
+    for recordings of several vessels. overview: whether the report begins with the overview. signals_held: whether the
     report keeps signals for the picker of a page.
     """
     with ExitStack() as opened:
         logs, refusals = open_all(paths, opened, vessel)
         names = [name + of_vessel(log) for name, log in zip(short_names([log.path for log in logs]), logs, strict=True)]
         laid = [AlignedLog(log, time_line) for log, time_line in zip(logs, time_lines(logs), strict=True)]
-        files = [_file(log, name, analyses, told) for log, name in zip(laid, names, strict=True)]
+        files = [_file(log, name, analyses, progress) for log, name in zip(laid, names, strict=True)]
         first_part = Overview()
         if overview and files:
-            told(OVERVIEW)
-            files, first_part = _with_overview(files, laid)
+            progress(OVERVIEW)
+            try:
+                first_part = build_overview(laid, files)
+            except Exception as error:  # noqa: BLE001  the user still gets the sections, and this as a failure
+                files[0] = _with_failure(files[0], OVERVIEW, error)
         held: tuple[HeldLog, ...] = ()
         if signals_held and files:
-            told("signals")
-            files, held = _with_signals(files, laid)
+            progress("signals")
+            try:
+                held = tuple(
+                    held_log(log, file.time_line, file.name if len(files) > 1 else "", MOST_BYTES // len(files))
+                    for log, file in zip(laid, files, strict=True)
+                )
+            except Exception as error:  # noqa: BLE001  as above
+                files[0] = _with_failure(files[0], "signals", error)
         # Damage inside a recording is found when its topics are read.
         files = [replace(file, health=log.health) for file, log in zip(files, laid, strict=True)]
         return Report(without_contradictions(files), tuple(refusals), first_part, held)
@@ -307,11 +314,11 @@ def short_names(paths: Sequence[Path]) -> list[str]:
     return named
 
 
-def _file(log: AlignedLog, name: str, analyses: Sequence[LogAnalysis], told: Progress) -> FileReport:
+def _file(log: AlignedLog, name: str, analyses: Sequence[LogAnalysis], progress: Progress) -> FileReport:
     sections: list[Section] = []
     failures: list[AnalysisFailure] = []
     for analysis in analyses:
-        told(f"{name}: {analysis.name}")
+        progress(f"{name}: {analysis.name}")
         try:
             section = analysis.section(log)
             if section is not None:
@@ -338,25 +345,8 @@ def _file(log: AlignedLog, name: str, analyses: Sequence[LogAnalysis], told: Pro
     )
 
 
-def _with_overview(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[FileReport], Overview]:
-    try:
-        return files, build_overview(logs, files)
-    except Exception as error:  # noqa: BLE001  as above
-        failed = replace(files[0], failures=(*files[0].failures, analysis_failure(OVERVIEW, error)))
-        return [failed, *files[1:]], Overview()
-
-
-def _with_signals(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[FileReport], tuple[HeldLog, ...]]:
-    """File reports with signals, within one limit for all of them."""
-    several = len(files) > 1
-    try:
-        return files, tuple(
-            held_log(log, file.time_line, file.name if several else "", MOST_BYTES // len(files))
-            for log, file in zip(logs, files, strict=True)
-        )
-    except Exception as error:  # noqa: BLE001  as above
-        failed = replace(files[0], failures=(*files[0].failures, analysis_failure("signals", error)))
-        return [failed, *files[1:]], ()
+def _with_failure(file: FileReport, name: str, error: Exception) -> FileReport:
+    return replace(file, failures=(*file.failures, analysis_failure(name, error)))
 
 
 def _thinned(section: Section) -> Section:

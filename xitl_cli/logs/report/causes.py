@@ -1,4 +1,6 @@
-"""Grouping of findings by cause: consequences of a finding are listed under it, the earliest first.
+"""Relations between findings: grouping by cause, and OK findings that other findings contradict.
+
+Consequences of a finding are listed under it, the earliest first.
 
 A cut link causes a gap of the sensors, a failsafe, a lost position and an unfinished mission. `CAUSES` lists the kinds
 of findings that can follow from others, and the time in which they can. Whether they do depends on their instants on
@@ -11,11 +13,11 @@ is a state: it only explains findings that begin soon after its own beginning.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
-from xitl_cli.logs.model.sections import Severity
-from xitl_cli.logs.report.file_report import FileFinding, ReportedFiles
+from xitl_cli.logs.model.sections import Finding, Severity
+from xitl_cli.logs.report.file_report import FileFinding, FileReport, ReportedFiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +178,7 @@ class FindingGroup:
 
     @property
     def worst(self) -> Severity:
-        return max((self.cause.finding.severity, *(each.finding.severity for each in self.consequences)))
+        return max(placed.finding.severity for placed in (self.cause, *self.consequences))
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,15 +228,15 @@ def group_findings(report: ReportedFiles) -> list[FindingGroup]:
     last."""
     order = {id(file): place for place, file in enumerate(report.files)}
     placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]
-    causes = [_cause(each, placed) for each in placed]
+    causes = [_cause(effect, placed) for effect in placed]
     roots = [_root(place, causes, placed) for place in range(len(placed))]
     groups = []
-    for place, each in enumerate(placed):
+    for place, cause in enumerate(placed):
         if roots[place] != place:
             continue
-        under = [placed[other] for other, root in enumerate(roots) if root == place != other]
-        under.sort(key=lambda one: (one.begin_s, one.rank))
-        groups.append((each, FindingGroup(each.found, tuple(one.found for one in under))))
+        effects = [placed[other] for other, root in enumerate(roots) if root == place != other]
+        effects.sort(key=lambda effect: (effect.begin_s, effect.rank))
+        groups.append((cause, FindingGroup(cause.found, tuple(effect.found for effect in effects))))
     groups.sort(key=lambda pair: (-pair[1].worst, pair[0].begin_s))
     return [group for _, group in groups]
 
@@ -257,68 +259,66 @@ def is_kind(key: str, kinds: Sequence[str]) -> bool:
     return any(key == kind or key.startswith(f"{kind}.") for kind in kinds)
 
 
-def _cause(each: _Placed, every: Sequence[_Placed]) -> int | None:
+def _cause(effect: _Placed, every: Sequence[_Placed]) -> int | None:
     """Index of the earliest finding that causes this one."""
-    if each.found.finding.severity == Severity.OK:
+    if effect.found.finding.severity == Severity.OK:
         return None
     candidates = []
     for place, other in enumerate(every):
-        if other is each or other.found.finding.severity == Severity.OK:
+        if other is effect or other.found.finding.severity == Severity.OK:
             continue
-        span = _explaining(each, other)
+        span = _explaining_span(effect, other)
         if span is not None:
             # A lasting finding is a state, such as a field that always changes: an event explains more.
             candidates.append((other.lasts, span[0], other.rank, place))
-        elif _same(each, other):
+        elif _is_repeated(effect, other):
             candidates.append((False, other.begin_s, other.rank, place))
     return min(candidates)[-1] if candidates else None
 
 
-def _explaining(each: _Placed, cause: _Placed) -> tuple[float, float] | None:
+def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | None:
     """Span of a cause for this finding; None if no rule allows it or the cause is later.
 
     A cause covers at least half of its consequence.
     """
-    key, cause_key = each.found.finding.key, cause.found.finding.key
+    key, cause_key = effect.found.finding.key, cause.found.finding.key
     if key in _ANSWERS and not is_kind(cause_key, _ANSWERS[key]):
         return None
     reach_s = [rule.after_s for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
     if not reach_s:
         return None
     if max(reach_s) == WHOLE_LOG:
-        return (-math.inf, math.inf) if each.file == cause.file else None
-    if not each.spans:
+        return (-math.inf, math.inf) if effect.file == cause.file else None
+    if not effect.spans:
         return None
     explained = [
         next(
             (span for span in cause.spans if span[0] - _TOGETHER_S <= at <= cause.explains_until_s(span, max(reach_s))),
             None,
         )
-        for at, _ in each.spans
+        for at, _ in effect.spans
     ]
     known = [span for span in explained if span is not None]
-    if 2 * len(known) < len(each.spans) or not _precedes(cause, known[0][0], each):
+    if 2 * len(known) < len(effect.spans):
         return None
-    return known[0]
-
-
-def _precedes(cause: _Placed, begin_s: float, each: _Placed) -> bool:
-    """Whether a cause that begins at `begin_s` comes first."""
-    apart_s = each.begin_s - begin_s
+    # The cause begins first. If both begin together, the order of `_FIRST` decides.
+    begin_s = known[0][0]
+    apart_s = effect.begin_s - begin_s
     if abs(apart_s) <= _TOGETHER_S:
-        return (cause.rank, begin_s, cause.place) < (each.rank, each.begin_s, each.place)
-    return apart_s > 0.0
+        first = (cause.rank, begin_s, cause.place) < (effect.rank, effect.begin_s, effect.place)
+    else:
+        first = apart_s > 0.0
+    return known[0] if first else None
 
 
-def _same(each: _Placed, other: _Placed) -> bool:
-    """Whether both are the same finding in different files, so that two recordings of one run report it once."""
-    if each.found.finding.key != other.found.finding.key or each.file == other.file:
+def _is_repeated(finding: _Placed, other: _Placed) -> bool:
+    """Whether an earlier file has the same finding, so that two recordings of one run report it once."""
+    if finding.found.finding.key != other.found.finding.key or other.file >= finding.file:
         return False
-    if not each.spans or not other.spans:
+    if not finding.spans or not other.spans:
         return False
-    (begin, end), (other_begin, other_end) = each.spans[0], other.spans[0]
-    near = begin <= other_end + _SAME_S and other_begin <= end + _SAME_S
-    return near and other.file < each.file
+    (begin, end), (other_begin, other_end) = finding.spans[0], other.spans[0]
+    return begin <= other_end + _SAME_S and other_begin <= end + _SAME_S
 
 
 def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -> int:
@@ -334,3 +334,48 @@ def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -
             return min(seen[seen.index(cause) :])
         seen.append(cause)
     return seen[-1]
+
+
+# OK findings that another finding of the run contradicts.
+
+CONTRADICTED = {
+    "control.followed": (
+        "control", "actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered",
+        "actuation.gnss_drift", "sensors.field_step", "sensors.gyro_bias",
+    ),
+    "attitude.upright": ("attitude.overturned", "attitude.leaning", "attitude.impact", "attitude.contact"),
+    "links.whole": ("links.loss",),
+    "links.sequence_whole": ("links.sequence_loss",),
+    "scheduler.on_time": ("scheduler.long_loops", "scheduler.deadlines_missed", "scheduler.late_tasks"),
+    "tasks.in_time": ("tasks.overruns",),
+}  # fmt: skip
+"""OK findings, and the kinds of findings that contradict them.
+
+If a faulty sensor misled the estimate, good tracking by the estimate is not good tracking on the water.
+"""
+
+
+def without_contradictions(files: Iterable[FileReport]) -> tuple[FileReport, ...]:
+    """The files without OK findings that another finding of this run contradicts."""
+    files = tuple(files)
+    bad = {
+        finding.key
+        for file in files
+        for section in file.sections
+        for finding in section.findings
+        if finding.severity >= Severity.WARNING
+    }
+    consistent = []
+    for file in files:
+        sections = []
+        for section in file.sections:
+            findings = tuple(finding for finding in section.findings if not is_contradicted(finding, bad))
+            sections.append(replace(section, findings=findings))
+        consistent.append(replace(file, sections=tuple(sections)))
+    return tuple(consistent)
+
+
+def is_contradicted(finding: Finding, bad: Iterable[str]) -> bool:
+    """Whether an OK finding is contradicted by a finding with one of these keys."""
+    kinds = CONTRADICTED.get(finding.key, ()) if finding.severity == Severity.OK else ()
+    return any(is_kind(key, kinds) for key in bad)

@@ -40,40 +40,52 @@ def badge(severity: Severity) -> str:
 
 def card_markup(shown: Sequence[FileCard]) -> str:
     """Cards of files. A single file needs no name, because the page has it."""
-    alone = len(shown) == 1
-    return "".join(
-        f'<article class="card">{"" if alone else f"<h2>{escape(card.name)}</h2>"}<dl>'
-        + "".join(f"<dt>{escape(label)}</dt><dd>{escape(value)}</dd>" for label, value in card.facts)
-        + "</dl>"
-        + _state(card)
-        + "</article>"
-        for card in shown
-    )
-
-
-def _state(card: FileCard) -> str:
-    if card.degraded is None:
-        return ""
-    word = "Degraded" if card.degraded else "Whole"
-    notes = "; ".join(map(escape, card.notes)) or "every record was read"
-    kind = "degraded" if card.notes or card.degraded else "whole"
-    return f'<p class="state {kind}"><strong>{word}</strong>: {notes}.</p>'
+    cards = []
+    for card in shown:
+        name = f"<h2>{escape(card.name)}</h2>" if len(shown) > 1 else ""
+        facts = "".join(f"<dt>{escape(label)}</dt><dd>{escape(value)}</dd>" for label, value in card.facts)
+        state = ""
+        if card.degraded is not None:
+            word = "Degraded" if card.degraded else "Whole"
+            notes = "; ".join(map(escape, card.notes)) or "every record was read"
+            kind = "degraded" if card.notes or card.degraded else "whole"
+            state = f'<p class="state {kind}"><strong>{word}</strong>: {notes}.</p>'
+        cards.append(f'<article class="card">{name}<dl>{facts}</dl>{state}</article>')
+    return "".join(cards)
 
 
 def finding_items(groups: Sequence[PageGroup], parts: Sequence[PagePart]) -> str:
-    """List in the header of a page: causes, and below each its consequences."""
-    return "".join(
-        f'<li class="finding {wording.SEVERITY_NAMES[group.worst]}" data-find>'
-        + finding_item(group.cause, parts, group.worst, _consequences(group, parts))
-        + "</li>"
-        for group in groups
-    )
+    """List in the header of a page: causes, and below each its consequences.
+
+    The consequences are unfolded if one of them is more severe than the cause.
+    """
+    items = []
+    for group in groups:
+        below = ""
+        if group.consequences:
+            severities = [consequence.finding.severity for consequence in group.consequences]
+            consequences = "".join(
+                f'<li class="finding {wording.SEVERITY_NAMES[severity]}">'
+                f"{finding_item(consequence, parts, severity)}</li>"
+                for consequence, severity in zip(group.consequences, severities, strict=True)
+            )
+            unfolded = " open" if group.worst > group.cause.finding.severity else ""
+            below = (
+                f'<details class="follows"{unfolded}><summary>What follows from it: '
+                f"{wording.severity_counts(severities)}</summary>"
+                f'<ol class="consequences">{consequences}</ol></details>'
+            )
+        items.append(
+            f'<li class="finding {wording.SEVERITY_NAMES[group.worst]}" data-find>'
+            f"{finding_item(group.cause, parts, group.worst, below)}</li>"
+        )
+    return "".join(items)
 
 
-def finding_item(found: PageFinding, parts: Sequence[PagePart], worst: Severity, below: str = "") -> str:
+def finding_item(placed: PageFinding, parts: Sequence[PagePart], worst: Severity, below: str = "") -> str:
     """One finding. worst: severity shown as its badge. A cause has that of its group, as counted in the page's
     header."""
-    finding, part, section_id = found.finding, parts[found.part], section_name(found.part)
+    finding, part, section_id = placed.finding, parts[placed.part], section_name(placed.part)
     return (
         f'{badge(worst)}<div><p class="sentence">{escape(wording.sentence_text(finding.sentence))}</p>'
         + evidence_line(finding.evidence, part.time_line, section_id)
@@ -81,23 +93,6 @@ def finding_item(found: PageFinding, parts: Sequence[PagePart], worst: Severity,
         + f'<p class="from"><a href="#{section_id}">{escape(part.section.title)}</a>'
         + (f" · {escape(part.label)}" if part.label else "")
         + f"</p>{below}</div>"
-    )
-
-
-def _consequences(group: PageGroup, parts: Sequence[PagePart]) -> str:
-    """Consequences of a cause; unfolded if one of them is more severe than the cause."""
-    if not group.consequences:
-        return ""
-    counted = wording.severity_counts([each.finding.severity for each in group.consequences])
-    items = "".join(
-        f'<li class="finding {wording.SEVERITY_NAMES[each.finding.severity]}">'
-        f"{finding_item(each, parts, each.finding.severity)}</li>"
-        for each in group.consequences
-    )
-    opened = " open" if group.worst > group.cause.finding.severity else ""
-    return (
-        f'<details class="follows"{opened}><summary>What follows from it: {counted}</summary>'
-        f'<ol class="consequences">{items}</ol></details>'
     )
 
 
@@ -110,22 +105,21 @@ def evidence_line(evidence: Sequence[Evidence], time_line: TimeLine, section_id:
     """Evidence. An entry with an instant is a button that shows that instant in the section."""
     if not evidence:
         return ""
-    shown = [_evidence_markup(each, time_line, section_id) for each in evidence[:_MOST_EVIDENCE]]
+    shown = []
+    for entry in evidence[:_MOST_EVIDENCE]:
+        text = escape(wording.evidence_text(entry, time_line))
+        if entry.at_ns is None:
+            shown.append(f'<span class="at">{text}</span>')
+            continue
+        from_s = time_line.second(entry.at_ns)
+        until_s = from_s if entry.until_ns is None else time_line.second(entry.until_ns)
+        shown.append(
+            f'<button type="button" class="at" data-from="{from_s:.6f}" data-until="{until_s:.6f}" '
+            f'data-section="{section_id}" title="Show this in the plots">{text}</button>'
+        )
     if len(evidence) > _MOST_EVIDENCE:
         shown.append(f'<span class="more">and {len(evidence) - _MOST_EVIDENCE} more</span>')
     return f'<p class="evidence">{"".join(shown)}</p>'
-
-
-def _evidence_markup(evidence: Evidence, time_line: TimeLine, section_id: str) -> str:
-    text = escape(wording.evidence_text(evidence, time_line))
-    if evidence.at_ns is None:
-        return f'<span class="at">{text}</span>'
-    from_s = time_line.second(evidence.at_ns)
-    until_s = from_s if evidence.until_ns is None else time_line.second(evidence.until_ns)
-    return (
-        f'<button type="button" class="at" data-from="{from_s:.6f}" data-until="{until_s:.6f}" '
-        f'data-section="{section_id}" title="Show this in the plots">{text}</button>'
-    )
 
 
 def section_findings(findings: Sequence[Finding], time_line: TimeLine, section_id: str) -> str:
@@ -136,7 +130,7 @@ def section_findings(findings: Sequence[Finding], time_line: TimeLine, section_i
         + escape(wording.sentence_text(finding.sentence))
         + evidence_line(finding.evidence, time_line, section_id)
         + "</div></li>"
-        for finding in sorted(findings, key=lambda each: -each.severity)
+        for finding in sorted(findings, key=lambda finding: -finding.severity)
     )
     return f'<ul class="brief">{items}</ul>'
 
@@ -175,7 +169,7 @@ def grid_markup(shown: Grid) -> str:
             for value, right, name, label in zip(row, numeric, shown.columns, labels, strict=False)
         )
         + "</tr>"
-        for row in shown.rows[:_MOST_ROWS]
+        for row in rows
     )
     left_out = len(shown.rows) - _MOST_ROWS
     note = f" The first {_MOST_ROWS}; --json has all of them." if left_out > 0 else ""
@@ -234,25 +228,29 @@ def write_sections(path: Path, title: str, subtitle: str, sections: Sequence[Sec
     write_page(Page(title, subtitle, tuple(PagePart(section, TimeLine()) for section in sections)), path)
 
 
-def refuse_other(path: Path) -> None:
-    """Raise LogError if another kind of file exists at the path: a log named by mistake would be lost."""
-    try:
-        if path.is_dir():
-            raise LogError(f"{path}: is a directory; name a file in it, such as {path / 'report.html'}")
-        if path.exists() and not (path.is_file() and _is_page(path)):
-            raise LogError(f"{path}: is there already and is no page; name another file, such as report.html")
-    except OSError as error:
-        raise _unwritable(path, error) from error
-
-
-def _is_page(path: Path) -> bool:
-    """Whether the file is a page, or empty."""
-    with path.open("rb") as file:
-        return file.read(len(_DOCTYPE)) in (b"", _DOCTYPE.encode())
-
-
 def _unwritable(path: Path, error: OSError) -> LogError:
     return LogError(f"{path}: cannot be written ({error.strerror}); choose another place")
+
+
+def refuse_other(
+    path: Path, beginning: bytes = _DOCTYPE.encode(), kind: str = "page", name: str = "report.html"
+) -> None:
+    """Raise LogError if a file of another kind exists at the path: a log named by mistake would be lost.
+
+    beginning: first bytes of a file that may be replaced. kind, name: its kind and an example, for the error.
+    """
+    try:
+        if path.is_dir():
+            raise LogError(f"{path}: is a directory; name a file in it, such as {path / name}")
+        if not path.exists():
+            return
+        if path.is_file():
+            with path.open("rb") as file:
+                if file.read(len(beginning)) in (b"", beginning):
+                    return
+        raise LogError(f"{path}: exists and is not a {kind}; choose another file name, such as {name}")
+    except OSError as error:
+        raise _unwritable(path, error) from error
 
 
 def write_text(path: Path, text: str) -> None:
@@ -298,7 +296,7 @@ def html(page: Page) -> str:
         track = plot_markup(
             next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview)
         )
-    beside = track + _replay(page.replay, nonce)
+    side = track + _replay(page.replay, nonce)
     body = [
         _overview(page, next_plot),
         _picker(page),
@@ -306,11 +304,16 @@ def html(page: Page) -> str:
     ]
     plotly, style = _plotly(), _asset("page.css")
     script = '(() => {"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"  # in a separate scope
-    playing = page.replay is not None and page.replay.html
+    replay_sources = ""
+    if page.replay is not None and page.replay.html:
+        # The player has a WebAssembly module with glue code that creates functions from strings.
+        replay_sources = (
+            f" 'nonce-{nonce}' 'unsafe-eval'; worker-src blob:; connect-src data: blob:; font-src data:; "
+            "frame-src 'self' about: blob:"
+        )
     policy = (
-        f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}"
-        f"{_replay_sources(nonce) if playing else ''}; style-src 'unsafe-inline'; "
-        "img-src data: blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}{replay_sources}; "
+        "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     return (
         f'{_DOCTYPE}\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -321,7 +324,7 @@ def html(page: Page) -> str:
         '<a class="skip" href="#main">To the findings</a>\n'
         f"{_bar(page)}\n{_navigation(page, identified, bool(groups), bool(body[0]))}\n"
         f'<main id="main">\n{_head(page, groups)}\n'
-        f"{_findings(groups, page.parts, beside)}\n{''.join(body)}\n"
+        f"{_findings(groups, page.parts, side)}\n{''.join(body)}\n"
         '<p class="none" id="none" hidden>Nothing here matches the filter.</p>\n</main>\n'
         f'<script type="application/json" id="page">{json_text(page_payload(page))}</script>\n'
         f"<script>{plotly}</script>\n<script>{script}</script>\n</body>\n</html>\n"
@@ -377,9 +380,9 @@ def _head(page: Page, groups: Sequence[PageGroup]) -> str:
     return f'<div class="head"><h1>{escape(page.title)}</h1>{subtitle}{summary}</div>{notices}{shown}'
 
 
-def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], beside: str) -> str:
+def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], side: str) -> str:
     """Findings with map and replay next to them."""
-    side = f'<div class="side">{beside}</div>' if beside else ""
+    side = f'<div class="side">{side}</div>' if side else ""
     if not groups:
         return f'<section id="findings">{side}</section>' if side else ""
     worse = [group for group in groups if group.worst > Severity.OK]
@@ -387,7 +390,7 @@ def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], beside: st
     listed = f'<ol class="findings">{finding_items(worse, parts)}</ol>' if worse else ""
     if fine:
         listed += (
-            f"<details{'' if worse else ' open'}><summary>{len(fine)} looked at, and fine</summary>"
+            f"<details{'' if worse else ' open'}><summary>{len(fine)} checked, and fine</summary>"
             f'<ol class="findings">{finding_items(fine, parts)}</ol></details>'
         )
     laid = ' class="beside"' if side else ""
@@ -419,15 +422,6 @@ def _replay(replay: Replay | None, nonce: str) -> str:
     )
 
 
-def _replay_sources(nonce: str) -> str:
-    """Sources for the replay: its player has a WebAssembly module with glue code that creates functions from
-    strings."""
-    return (
-        f" 'nonce-{nonce}' 'unsafe-eval'; worker-src blob:; connect-src data: blob:; font-src data:; "
-        "frame-src 'self' about: blob:"
-    )
-
-
 def _overview(page: Page, next_plot: Callable[[], str]) -> str:
     parts = []
     overview = page.overview
@@ -445,14 +439,11 @@ def _picker(page: Page) -> str:
     """Picker of signals and expressions to plot; the page contains their data."""
     if not any(held.tables for held in page.signals):
         return ""
-    held = "".join(
-        f"<p>The page holds {escape((f'of {held.label} ' if held.label else '') + held.sentence)}.</p>"
-        for held in page.signals
-    )
-    data = "".join(
-        f'<script type="application/json" class="held">{json_text(signals_payload(held))}</script>'
-        for held in page.signals
-    )
+    notes, data = "", ""
+    for held in page.signals:
+        log = f"of {held.label} " if held.label else ""
+        notes += f"<p>The page holds {escape(log + held.sentence)}.</p>"
+        data += f'<script type="application/json" class="held">{json_text(signals_payload(held))}</script>'
     return (
         f'<section id="{_PICKER_ID}"><h2>Signals</h2>'
         '<form id="pick" autocomplete="off"><input type="text" id="picking" list="fields" spellcheck="false" '
@@ -461,7 +452,7 @@ def _picker(page: Page) -> str:
         '<select id="messages" aria-label="Message"></select></form>'
         '<div id="columns" class="choices"></div><div id="suggested" class="choices"></div>'
         '<p id="refused" role="alert"></p><div id="chosen" class="choices"></div><ul id="said" class="lacks"></ul>'
-        f'<div id="picked"></div><div class="note held-note">{held}</div>{data}</section>'
+        f'<div id="picked"></div><div class="note held-note">{notes}</div>{data}</section>'
     )
 
 
@@ -495,10 +486,10 @@ def _plot(plot: Plot, time_line: TimeLine, next_plot: Callable[[], str]) -> str:
 
 def _plotly() -> str:
     """plotly.js from the installed plotly package; the package itself is not imported."""
-    found = importlib.util.find_spec("plotly")
-    if found is None or found.origin is None:
+    package = importlib.util.find_spec("plotly")
+    if package is None or package.origin is None:
         raise LogError("a page needs plotly.js, which is not installed; install it with `pip install 'xitl[report]'`")
-    file = Path(found.origin).parent / "package_data" / "plotly.min.js"
+    file = Path(package.origin).parent / "package_data" / "plotly.min.js"
     try:
         return file.read_text(encoding="utf-8")
     except OSError as error:

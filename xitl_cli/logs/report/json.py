@@ -10,8 +10,8 @@ import numpy as np
 
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
-from xitl_cli.logs.report.causes import FindingGroup, group_findings
-from xitl_cli.logs.report.file_report import FileFinding, FileReport, ReportedFiles
+from xitl_cli.logs.report.causes import group_findings
+from xitl_cli.logs.report.file_report import FileReport, ReportedFiles
 from xitl_cli.logs.report.wording import SEVERITY_NAMES
 
 FORMAT = 1
@@ -25,18 +25,26 @@ def document(report: ReportedFiles) -> dict[str, Any]:
     causes, each with the highest severity of its group.
     """
     groups = group_findings(report)
+    findings = []
+    for group in groups:
+        cause = group.cause
+        key = {"file": cause.file.name, "key": cause.finding.key, "sentence": cause.finding.sentence}
+        for placed, follows_from in ((cause, None), *((consequence, key) for consequence in group.consequences)):
+            finding = _finding(placed.finding, placed.file.time_line)
+            section = placed.section.key
+            findings.append({"file": placed.file.name, "section": section, **finding, "follows_from": follows_from})
     return {
         "format": FORMAT,
         "worst": SEVERITY_NAMES[report.worst] if report.findings else None,
         "counts": {
-            SEVERITY_NAMES[severity]: sum(found.finding.severity == severity for found in report.findings)
+            SEVERITY_NAMES[severity]: sum(placed.finding.severity == severity for placed in report.findings)
             for severity in sorted(Severity, reverse=True)
         },
         "causes": {
             SEVERITY_NAMES[severity]: sum(group.worst == severity for group in groups)
             for severity in sorted(Severity, reverse=True)
         },
-        "findings": [row for group in groups for row in _group(group)],
+        "findings": findings,
         "files": [_file(file) for file in report.files],
         "alignment": [_alignment(file) for file in report.files] if len(report.files) > 1 else [],
         "refused": [{"path": str(refusal.path), "reason": refusal.sentence} for refusal in report.refusals],
@@ -78,17 +86,6 @@ def section_document(section: Section, time_line: TimeLine) -> dict[str, Any]:
     }
 
 
-def _group(group: FindingGroup) -> list[dict[str, Any]]:
-    cause = group.cause
-    named = {"file": cause.file.name, "key": cause.finding.key, "sentence": cause.finding.sentence}
-    return [_found(cause, None), *(_found(found, named) for found in group.consequences)]
-
-
-def _found(found: FileFinding, follows_from: dict[str, str] | None) -> dict[str, Any]:
-    finding = _finding(found.finding, found.file.time_line)
-    return {"file": found.file.name, "section": found.section.key, **finding, "follows_from": follows_from}
-
-
 def _finding(finding: Finding, time_line: TimeLine) -> dict[str, Any]:
     return {
         "key": finding.key,
@@ -103,8 +100,8 @@ def _evidence(evidence: Evidence, time_line: TimeLine) -> dict[str, Any]:
     return {
         "message": evidence.message,
         "field": evidence.field,
-        "at_ns": _whole(evidence.at_ns),
-        "until_ns": _whole(evidence.until_ns),
+        "at_ns": None if evidence.at_ns is None else int(evidence.at_ns),
+        "until_ns": None if evidence.until_ns is None else int(evidence.until_ns),
         "at_s": None if evidence.at_ns is None else round(time_line.second(evidence.at_ns), 9),
         "until_s": None if evidence.until_ns is None else round(time_line.second(evidence.until_ns), 9),
         "value": evidence.value,
@@ -122,10 +119,6 @@ def _alignment(file: FileReport) -> dict[str, Any]:
         "error_s": plain(line.error_s),
         "sentence": line.sentence,
     }
-
-
-def _whole(value: int | None) -> int | None:
-    return None if value is None else int(value)
 
 
 def plain(value: object) -> str | int | float | bool | None:

@@ -74,7 +74,7 @@ class Report:
             for section in file.sections
             for finding in section.findings
         ]
-        return sorted(every, key=lambda each: -each.finding.severity)
+        return sorted(every, key=lambda placed: -placed.finding.severity)
 
     @property
     def sections(self) -> list[FileSection]:

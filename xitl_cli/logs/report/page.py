@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.model.sections import Finding, Section, Severity
+from xitl_cli.logs.model.sections import Finding, Mark, Section, Severity
 from xitl_cli.logs.model.text import duration_text
 from xitl_cli.logs.report.causes import group_findings
-from xitl_cli.logs.report.file_report import FileFinding, FileReport
+from xitl_cli.logs.report.file_report import FileFinding
 from xitl_cli.logs.report.model import Overview, Report
 from xitl_cli.logs.report.signal_data import HeldLog
 from xitl_cli.logs.report.wording import FORMAT_NAMES
@@ -46,14 +46,15 @@ class PageFinding:
 
 @dataclass(frozen=True, slots=True)
 class PageGroup:
-    """A finding in the header of a page, and its consequences. worst: severity of all of them."""
+    """A finding in the header of a page, and its consequences."""
 
     cause: PageFinding
     consequences: tuple[PageFinding, ...] = ()
 
     @property
     def worst(self) -> Severity:
-        return max((self.cause.finding.severity, *(each.finding.severity for each in self.consequences)))
+        """Highest severity of the group."""
+        return max(placed.finding.severity for placed in (self.cause, *self.consequences))
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,63 +124,53 @@ def report_page(report: Report) -> Page:
     overview = report.overview
     shown = overview.plots or overview.tracks or overview.modes or overview.armed or overview.lacks
     marks: list[PageMark] = []
-    for found in report.findings:
-        if found.finding.severity == Severity.OK:
+    for file_finding in report.findings:
+        finding, line = file_finding.finding, file_finding.file.time_line
+        if finding.severity == Severity.OK:
             continue
-        line = found.file.time_line
-        for evidence in found.finding.evidence:
+        for evidence in finding.evidence:
             if evidence.at_ns is None or len(marks) >= _MOST_MARKS:
                 continue
             from_s = line.second(evidence.at_ns)
             until_s = from_s if evidence.until_ns is None else max(from_s, line.second(evidence.until_ns))
-            marks.append(PageMark("finding", from_s, until_s, found.finding.sentence, found.finding.severity))
+            marks.append(PageMark("finding", from_s, until_s, finding.sentence, finding.severity))
+    cards = []
+    for file in report.files:
+        size = f"{file.health.size_bytes / 1e6:.1f} MB, {file.health.records} records"
+        facts = (
+            ("vehicle", file.vehicle),
+            ("duration", "" if file.duration_s is None else duration_text(file.duration_s)),
+            ("format", f"{FORMAT_NAMES[file.format]}, {size}"),
+            ("time line", file.time_line.sentence if several else ""),
+        )
+        known = tuple((label, value) for label, value in facts if value)
+        cards.append(FileCard(file.name, known, file.notes, file.health.degraded))
+    part_numbers = {(id(placed.file), id(placed.section)): number for number, placed in enumerate(report.sections)}
+
+    def on_page(placed: FileFinding) -> PageFinding:
+        return PageFinding(placed.finding, part_numbers[id(placed.file), id(placed.section)])
+
+    groups = tuple(
+        PageGroup(on_page(group.cause), tuple(map(on_page, group.consequences))) for group in group_findings(report)
+    )
     return Page(
         " + ".join(file.name for file in report.files) or "no log",
         "",
         parts,
-        tuple(_card(file, several) for file in report.files),
+        tuple(cards),
         tuple(notices),
-        (*page_marks(overview), *tuple(marks)),
+        (*page_marks(overview), *marks),
         overview if shown else None,
-        _groups(report),
+        groups,
         report.signals,
-    )
-
-
-def _groups(report: Report) -> tuple[PageGroup, ...]:
-    placed = report.sections
-
-    def on_page(found: FileFinding) -> PageFinding:
-        number = next(
-            place for place, each in enumerate(placed) if each.section is found.section and each.file is found.file
-        )
-        return PageFinding(found.finding, number)
-
-    return tuple(
-        PageGroup(on_page(group.cause), tuple(map(on_page, group.consequences))) for group in group_findings(report)
-    )
-
-
-def _card(file: FileReport, several: bool) -> FileCard:
-    facts = [("vehicle", file.vehicle)]
-    if file.duration_s is not None:
-        facts.append(("duration", duration_text(file.duration_s)))
-    facts.append(
-        ("format", f"{FORMAT_NAMES[file.format]}, {file.health.size_bytes / 1e6:.1f} MB, {file.health.records} records")
-    )
-    if several and file.time_line.sentence:
-        facts.append(("time line", file.time_line.sentence))
-    return FileCard(
-        file.name, tuple((label, value) for label, value in facts if value), file.notes, file.health.degraded
     )
 
 
 def page_marks(overview: Overview) -> tuple[PageMark, ...]:
     """Modes and arming as marks across all time plots."""
-    modes = (PageMark("mode", *_bounds(mark.at_ns, mark.until_ns), mark.text) for mark in overview.modes)
-    armed = (PageMark("armed", *_bounds(mark.at_ns, mark.until_ns), mark.text) for mark in overview.armed)
-    return (*modes, *armed)
-
-
-def _bounds(at_ns: int, until_ns: int | None) -> tuple[float, float]:
-    return at_ns * 1e-9, (at_ns if until_ns is None else until_ns) * 1e-9
+    kinds: dict[Literal["mode", "armed"], tuple[Mark, ...]] = {"mode": overview.modes, "armed": overview.armed}
+    return tuple(
+        PageMark(kind, mark.at_ns * 1e-9, (mark.at_ns if mark.until_ns is None else mark.until_ns) * 1e-9, mark.text)
+        for kind, marks in kinds.items()
+        for mark in marks
+    )

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Plot, Trace
 from xitl_cli.logs.model.table import Floats
-from xitl_cli.logs.report.model import MapTrack, Overview
-from xitl_cli.logs.report.page import Page, PageMark
+from xitl_cli.logs.report.model import Overview
+from xitl_cli.logs.report.page import Page
 from xitl_cli.logs.report.signal_data import HeldColumn, HeldLog
 
 MOST_POINTS = 4000
@@ -50,25 +50,20 @@ def thin(trace: Trace, *, over_time: bool, most: int = MOST_POINTS) -> ThinTrace
             x, y = x[order], y[order]
         if trace.style == "line":
             x, y = _broken_at_gaps(x, y)
-        kept = _envelope(x, y, most)
+    if len(x) <= most:
+        rows = np.arange(len(x), dtype=np.intp)
+    elif over_time:
+        rows = _envelope(x, y, most)
     else:
-        kept = _every_nth(len(x), most)
-    return ThinTrace(trace.name, x[kept].copy(), y[kept].copy(), trace.style, many)
-
-
-def _every_nth(many: int, most: int) -> NDArray[np.intp]:
-    if many <= most:
-        return np.arange(many, dtype=np.intp)
-    kept = np.arange(0, many, -(-many // most), dtype=np.intp)
-    return kept if kept[-1] == many - 1 else np.append(kept, many - 1)
+        rows = np.arange(0, many, -(-many // most), dtype=np.intp)
+        rows = rows if rows[-1] == many - 1 else np.append(rows, many - 1)
+    return ThinTrace(trace.name, x[rows].copy(), y[rows].copy(), trace.style, many)
 
 
 def _envelope(x: Numbers, y: Floats, most: int) -> NDArray[np.intp]:
     """Rows of the envelope over equal intervals of x. The first NaN of an interval is kept, so that a break is
     visible."""
     many = len(x)
-    if many <= most:
-        return np.arange(many, dtype=np.intp)
     # Use intervals of x instead of the count: a burst must not use up the points of the rest.
     where = x.astype(np.float64) - float(x[0])
     intervals = max(most // 4, 1)
@@ -151,7 +146,16 @@ def thinned_note(plot: Plot) -> str:
 def map_payload(overview: Overview) -> dict[str, Any]:
     return {
         "kind": "track",
-        "tracks": [_track(track) for track in overview.tracks],
+        "tracks": [
+            {
+                "name": track.name,
+                "t": _instants(track.at_s),
+                "east": _numbers(track.east_m),
+                "north": _numbers(track.north_m),
+                "speed": None if track.speed_mps is None else _numbers(track.speed_mps),
+            }
+            for track in overview.tracks
+        ],
         "waypoints": [[point.name, round(point.east_m, 3), round(point.north_m, 3)] for point in overview.waypoints],
     }
 
@@ -171,7 +175,16 @@ def page_payload(page: Page) -> dict[str, Any]:
     low, high = float(min(bounds)), float(max(bounds))
     return {
         "range": ([low, high] if high > low else [low - 0.5, high + 0.5]),
-        "marks": [_mark(mark) for mark in page.marks],
+        "marks": [
+            {
+                "kind": mark.kind,
+                "from": mark.from_s,
+                "until": mark.until_s,
+                "text": mark.text,
+                "severity": int(mark.severity),
+            }
+            for mark in page.marks
+        ],
     }
 
 
@@ -195,26 +208,6 @@ def json_text(content: Any) -> str:
     """JSON that is safe inside a script element: no markup can begin in it."""
     text = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=True)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _mark(mark: PageMark) -> dict[str, Any]:
-    return {
-        "kind": mark.kind,
-        "from": mark.from_s,
-        "until": mark.until_s,
-        "text": mark.text,
-        "severity": int(mark.severity),
-    }
-
-
-def _track(track: MapTrack) -> dict[str, Any]:
-    return {
-        "name": track.name,
-        "t": _instants(track.at_s),
-        "east": _numbers(track.east_m),
-        "north": _numbers(track.north_m),
-        "speed": None if track.speed_mps is None else _numbers(track.speed_mps),
-    }
 
 
 def _ends(traces: tuple[Trace, ...], time_line: TimeLine) -> list[float]:

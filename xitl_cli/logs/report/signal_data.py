@@ -63,19 +63,27 @@ class HeldLog:
     def sentence(self) -> str:
         """Sentence on the share of the log in the page."""
         thinned = [table for table in self.tables if table.of > len(table.at_s)]
-        said = "every row of every message"
+        rows = "every row of every message"
         if thinned:
             most = max(thinned, key=lambda table: table.of / len(table.at_s))
-            said = f"at most {self.rows} rows of a message, evenly chosen ({most.name}: {len(most.at_s)} of {most.of})"
+            rows = f"at most {self.rows} rows of a message, evenly chosen ({most.name}: {len(most.at_s)} of {most.of})"
         without = f"; without {self.left_out} fields of arrays and long messages" if self.left_out else ""
-        return said + without + ("; `xitl logs plot` draws from every row" if thinned or self.left_out else "")
+        return rows + without + ("; `xitl logs plot` uses every row" if thinned or self.left_out else "")
 
 
 def held_log(log: Log, time_line: TimeLine, label: str, most_bytes: int = MOST_BYTES) -> HeldLog:
     """Signals of all messages of a log, with as many rows of each as fit."""
+    all_tables: list[Table] = []
+    for name, table in log.tables.items():
+        if name in _ABOUT_THE_LOG:
+            continue
+        try:
+            all_tables += log.frame_tables(name).values()
+        except KeyError:
+            all_tables.append(table)
     parts = [
         (table.name, number if table.instance is not None else None, part)
-        for table in _tables(log)
+        for table in all_tables
         for number, part in by_instance(table).items()
     ]
     widths = [min(sum(1 for _ in _numbers(part)), _MOST_COLUMNS) for _, _, part in parts]
@@ -90,25 +98,15 @@ def held_log(log: Log, time_line: TimeLine, label: str, most_bytes: int = MOST_B
     )
     tables, left_out, left = [], 0, most_bytes
     for name, instance, part in parts:
-        table, without = _held(name, instance, part, time_line, rows)
-        size = 4 * (2 + len(table.columns)) * len(table.at_s)
+        held, without = _held_table(name, instance, part, time_line, rows)
+        size = 4 * (2 + len(held.columns)) * len(held.at_s)
         if size > left:
-            left_out += len(table.columns) + without
+            left_out += len(held.columns) + without
             continue
         left, left_out = left - size, left_out + without
-        if table.columns:
-            tables.append(table)
+        if held.columns:
+            tables.append(held)
     return HeldLog(label, tuple(tables), rows, left_out)
-
-
-def _tables(log: Log) -> Iterator[Table]:
-    for name, table in log.tables.items():
-        if name in _ABOUT_THE_LOG:
-            continue
-        try:
-            yield from log.frame_tables(name).values()
-        except KeyError:
-            yield table
 
 
 def _numbers(part: Table) -> Iterator[tuple[str, int | None]]:
@@ -123,24 +121,24 @@ def _numbers(part: Table) -> Iterator[tuple[str, int | None]]:
             yield from ((name, element) for element in range(shape[0]))
 
 
-def _held(
+def _held_table(
     name: str, instance: int | None, part: Table, time_line: TimeLine, most: int
 ) -> tuple[HeldTable, int]:  # fmt: skip
     """A table of the picker, and the number of omitted fields."""
     many = len(part)
-    kept = np.unique(np.linspace(0, many - 1, min(many, most)).astype(np.intp))
+    rows = np.unique(np.linspace(0, many - 1, min(many, most)).astype(np.intp))
     fields = list(_numbers(part))
     columns = []
     for field, element in fields[:_MOST_COLUMNS]:
         column = part.columns[field]
         try:
-            stored = np.asarray(part.values(field, kept))
+            stored = np.asarray(part.values(field, rows))
         except LogError:  # damaged beyond reading; the report shows it elsewhere
             continue
         values = stored if element is None else stored[:, element]
         held = stored.dtype.kind in "iub" and not column.unit
         label = field if element is None else f"{field}[{element}]"
         columns.append(HeldColumn(label, column.unit, held, values.astype(np.float64)))
-    arrays = sum(1 for each in signal_columns(part) if part.columns[each].shape and (each, 0) not in fields)
-    at_s = time_line.seconds(part.stamp_ns[kept])
+    arrays = sum(1 for field in signal_columns(part) if part.columns[field].shape and (field, 0) not in fields)
+    at_s = time_line.seconds(part.stamp_ns[rows])
     return HeldTable(name, instance, at_s, many, tuple(columns)), len(fields) - len(columns) + arrays

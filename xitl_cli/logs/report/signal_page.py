@@ -19,7 +19,7 @@ from xitl_cli.logs.model.sections import Plot, Section, Trace
 from xitl_cli.logs.model.table import whole_ns
 from xitl_cli.logs.report.build import ReportLog, Style, open_all, short_names, state_marks, time_lines
 from xitl_cli.logs.report.file_report import RefusedFile
-from xitl_cli.logs.report.html import replace_file
+from xitl_cli.logs.report.html import refuse_other, replace_file
 from xitl_cli.logs.report.model import Overview
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, page_marks
 from xitl_cli.logs.report.plots import ThinTrace, thin
@@ -59,10 +59,10 @@ def signal_page(
                 for signal in parts:
                     names_by_unit.setdefault(signal.unit, []).append(signal.name)
                     by_unit.setdefault(signal.unit, []).append(_trace(source, signal, from_s, until_s))
-                    said = filter(None, (signal.time_base, *signal.notes))
-                    notes.update(dict.fromkeys(map(source.named, said)))
+                    sentences = [sentence for sentence in (signal.time_base, *signal.notes) if sentence]
+                    notes.update(dict.fromkeys(map(source.named, sentences)))
         if not any(len(trace.x) for traces in by_unit.values() for trace in traces):
-            raise LogError(f"{paths[0]}: nothing of {', '.join(wanted)} lies between --from and --until; widen them")
+            raise LogError(f"{paths[0]}: {', '.join(wanted)} has no value between --from and --until; widen the span")
         overview = Overview(modes=state_marks(sources, signals.modes), armed=state_marks(sources, signals.armed))
         cards = tuple(
             FileCard(
@@ -74,14 +74,16 @@ def signal_page(
             for source in sources
             if source.label or source.log.health.degraded
         )
-    plots = tuple(
-        Plot(f"signals.{unit or 'numbers'}", _title(names_by_unit[unit]), unit, tuple(traces))
-        for unit, traces in by_unit.items()
-    )
-    part = PagePart(Section("signals", "Signals", plots=plots), TimeLine())
-    title = " + ".join(names)
-    notices = (*(each.sentence for each in refusals), *notes)
-    return Page(title, "", (part,), cards, notices, page_marks(overview)), refusals
+    plots = []
+    for unit, traces in by_unit.items():
+        signal_names = list(dict.fromkeys(names_by_unit[unit]))
+        title = ", ".join(signal_names[:_MOST_NAMES])
+        if len(signal_names) > _MOST_NAMES:
+            title += f" and {len(signal_names) - _MOST_NAMES} more"
+        plots.append(Plot(f"signals.{unit or 'numbers'}", title, unit, tuple(traces)))
+    part = PagePart(Section("signals", "Signals", plots=tuple(plots)), TimeLine())
+    notices = (*(refusal.sentence for refusal in refusals), *notes)
+    return Page(" + ".join(names), "", (part,), cards, notices, page_marks(overview)), refusals
 
 
 def _trace(source: ReportLog, signal: LogSignal, from_s: float | None, until_s: float | None) -> ThinTrace:
@@ -94,11 +96,6 @@ def _trace(source: ReportLog, signal: LogSignal, from_s: float | None, until_s: 
     at_ns = whole_ns(at_s[inside] * 1e9)
     style: Style = "steps" if signal.held else "line"
     return thin(Trace(source.named(signal.name), at_ns, signal.values[inside], style), over_time=True)
-
-
-def _title(names: Sequence[str]) -> str:
-    once = list(dict.fromkeys(names))
-    return ", ".join(once[:_MOST_NAMES]) + (f" and {len(once) - _MOST_NAMES} more" if len(once) > _MOST_NAMES else "")
 
 
 # Time plots as one PNG, SVG or PDF file, drawn by matplotlib.
@@ -122,31 +119,20 @@ def is_image(path: Path) -> bool:
     suffix = path.suffix.lower()
     if suffix not in IMAGE_KINDS:
         if suffix and suffix not in PAGE_SUFFIXES:
-            raise LogError(f"{path}: {suffix} is no kind of plot; name a file that ends in .html, .png, .svg or .pdf")
+            raise LogError(f"{path}: cannot plot to {suffix}; name a file that ends in .html, .png, .svg or .pdf")
         return False
     if importlib.util.find_spec("matplotlib") is None:
         raise LogError(
-            f"{path}: {suffix} needs matplotlib, not installed here; pip install 'xitl[figures]', or name a file that "
-            "ends in .html"
+            f"{path}: {suffix} needs matplotlib, which is not installed; install it with "
+            "`pip install 'xitl[figures]'`, or name a file that ends in .html"
         )
     return True
 
 
 def refuse_other_image(path: Path) -> None:
     """Raise LogError if a file of another kind exists at the path, because a log would be lost."""
-    try:
-        if path.is_dir():
-            raise LogError(f"{path}: is a directory; name a file in it, such as {path / 'plot.png'}")
-        if path.exists() and not (path.is_file() and _begins_as_its_kind(path)):
-            raise LogError(f"{path}: is there already and is no {path.suffix} image; name another file")
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-
-
-def _begins_as_its_kind(path: Path) -> bool:
-    beginning = IMAGE_KINDS[path.suffix.lower()]
-    with path.open("rb") as file:
-        return file.read(len(beginning)) in (b"", beginning)
+    suffix = path.suffix.lower()
+    refuse_other(path, IMAGE_KINDS[suffix], f"{suffix} image", f"plot{suffix}")
 
 
 def write_image(page: Page, path: Path) -> None:
@@ -154,14 +140,11 @@ def write_image(page: Page, path: Path) -> None:
 
     Replaces an earlier image of this kind. Raises LogError if it cannot be written.
     """
-    refuse_other_image(path)
-    replace_file(path, _drawn(page, path.suffix.lower()))
-
-
-def _drawn(page: Page, suffix: str) -> bytes:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
+    refuse_other_image(path)
+    suffix = path.suffix.lower()
     plots = [(part, plot) for part in page.parts for plot in part.section.plots if plot.kind == "time"]
     with rc_context(_STYLE):
         size_in = (_WIDTH_IN, _PLOT_HEIGHT_IN * len(plots) + _MARGIN_IN)
@@ -174,23 +157,16 @@ def _drawn(page: Page, suffix: str) -> bytes:
                 at_s = part.time_line.seconds(kept.x.astype("int64"))
                 style = "steps-post" if trace.style == "steps" else "default"
                 line, marker = ("", ".") if trace.style == "points" else ("-", "")
-                axes.plot(
-                    at_s,
-                    kept.y,
-                    drawstyle=style,
-                    linestyle=line,
-                    marker=marker,
-                    linewidth=1.0,
-                    label=_plain(trace.name),
-                )
+                look = {"drawstyle": style, "linestyle": line, "marker": marker, "linewidth": 1.0}
+                axes.plot(at_s, kept.y, label=_plain(trace.name), **look)
             axes.set_title(_plain(plot.title), fontsize="medium", loc="left")
             axes.set_ylabel(_plain(plot.y_label))
             if len(plot.traces) > 1:
                 axes.legend(fontsize="small", loc="upper right", ncols=min(len(plot.traces), 4))
         rows[-1].set_xlabel("time (s)")
-        written = BytesIO()
-        figure.savefig(written, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=_DATES[suffix])
-    return written.getvalue()
+        image = BytesIO()
+        figure.savefig(image, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=_DATES[suffix])
+    replace_file(path, image.getvalue())
 
 
 def _plain(text: str) -> str:

@@ -84,24 +84,24 @@ _MOST_LACKS = 4
 def show(console: Console, report: Report, *, sections: bool = True) -> None:
     """Print every file on a line, findings with the most severe first, then, if `sections`, their facts and short
     tables."""
-    for file in report.files:
-        _head(console, file, several=len(report.files) > 1)
-    groups = group_findings(report)
-    fine = [each for each in report.findings if each.finding.severity == Severity.OK]
     several = len(report.files) > 1
+    for file in report.files:
+        _head(console, file, several)
+    groups = group_findings(report)
+    fine = [placed for placed in report.findings if placed.finding.severity == Severity.OK]
     if report.findings:
-        said = wording.verdict([group.worst for group in groups], len(report.findings))
+        verdict = wording.verdict([group.worst for group in groups], len(report.findings))
         _line(console, "")
-        _line(console, Text(wording.sentence_text(said), style="bold"))
+        _line(console, Text(wording.sentence_text(verdict), style="bold"))
     for group in groups:
         if group.worst > Severity.OK:
             _line(console, "")
             _group(console, group, several)
     if fine:
         _line(console, "")
-    for sentence in dict.fromkeys(each.finding.sentence for each in fine):
-        of = [each.file.name for each in fine if each.finding.sentence == sentence]
-        text = wording.sentence_text(sentence) + (f" ({', '.join(of)})" if several else "")
+    for sentence in dict.fromkeys(placed.finding.sentence for placed in fine):
+        names = [placed.file.name for placed in fine if placed.finding.sentence == sentence]
+        text = wording.sentence_text(sentence) + (f" ({', '.join(names)})" if several else "")
         _hanging(console, wording.SEVERITY_NAMES[Severity.OK], _STYLES[Severity.OK], _plain(text))
     if not sections:
         return
@@ -114,9 +114,8 @@ def show(console: Console, report: Report, *, sections: bool = True) -> None:
 
 def _head(console: Console, file: FileReport, several: bool) -> None:
     health = file.health
-    parts = [file.vehicle]
-    parts.append("" if file.duration_s is None else duration_text(file.duration_s))
-    parts.append(wording.FORMAT_NAMES[file.format])
+    duration = "" if file.duration_s is None else duration_text(file.duration_s)
+    parts = (file.vehicle, duration, wording.FORMAT_NAMES[file.format])
     line = _plain(file.name, style="bold")
     line.append_text(_plain(f"  {', '.join(part for part in parts if part)}"))
     line.append(", degraded" if health.degraded else ", whole", style="yellow" if health.degraded else "")

@@ -73,31 +73,28 @@ def damage_sentences(health: LogHealth) -> tuple[str, ...]:
     return (*unclosed, *loss_sentences(health))
 
 
-UNCLOSED = "never closed by its writer: the end may be missing; `xitl logs repair` writes a file that is whole"
+UNCLOSED = "not closed by its writer, so the end may be missing; `xitl logs repair` writes a complete copy"
 
 
 def loss_sentences(health: LogHealth) -> tuple[str, ...]:
     """Sentences on unreadable data."""
-    told = []
-    if health.damaged:
-        where = f", the first at byte {health.damage[0].place} ({health.damage[0].why})" if health.damage else ""
-        told.append(f"damaged in {plural(health.damaged, 'place')}{where}")
-    if health.lost_bytes:
-        told.append(f"{plural(health.lost_bytes, 'byte')} could not be read")
-    if health.suspect:
-        told.append(f"{plural(health.suspect, 'record')} kept although what follows is damaged")
-    if health.truncated_bytes:
-        told.append(f"ends within a record: {plural(health.truncated_bytes, 'byte')} of it")
-    if health.back_in_time:
-        told.append(f"{plural(health.back_in_time, 'row')} stamped earlier than the one before")
-    if health.replaced_stamps:
-        told.append(f"{plural(health.replaced_stamps, 'row')} with a time that cannot be, stamped as the one before")
-    if health.redefined:
-        told.append(f"{plural(health.redefined, 'type')} described twice, differently")
-    told += [
-        f"{name}: {plural(many, 'row')} not decoded ({reason})" for name, (many, reason) in health.undecoded.items()
-    ]
-    return tuple(told)
+    where = f", the first at byte {health.damage[0].place} ({health.damage[0].why})" if health.damage else ""
+    counts = (
+        (health.damaged, f"damaged in {plural(health.damaged, 'place')}{where}"),
+        (health.lost_bytes, f"{plural(health.lost_bytes, 'byte')} could not be read"),
+        (health.suspect, f"{plural(health.suspect, 'record')} kept although the data after it is damaged"),
+        (health.truncated_bytes, f"ends within a record, after {plural(health.truncated_bytes, 'byte')} of it"),
+        (health.back_in_time, f"{plural(health.back_in_time, 'row')} with an earlier time stamp than the row before"),
+        (
+            health.replaced_stamps,
+            f"{plural(health.replaced_stamps, 'row')} with an impossible time, replaced by that of the row before",
+        ),
+        (health.redefined, f"{plural(health.redefined, 'type')} described twice, with differences"),
+    )
+    undecoded = (
+        f"{name}: {plural(rows, 'row')} not decoded ({reason})" for name, (rows, reason) in health.undecoded.items()
+    )
+    return (*(sentence for count, sentence in counts if count), *undecoded)
 
 
 def severity_counts(severities: list[Severity]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -48,33 +49,34 @@ class Moment:
 
 def moments(log: Log) -> list[Moment]:
     """Moments in order of time; at most 2000 of a kind."""
-    found: list[Moment] = []
-    for of in (_log, _faults, _arming, _modes, _mission, _parameters, _files, _estimator, _errors, _events, _texts):
-        for number, moment in enumerate(of(log)):
-            if number == MOST:
-                break
-            found.append(moment)
-    return sorted(found, key=lambda moment: moment.at_ns)
+    every: list[Moment] = []
+    for moments_of in (
+        _beginning, _faults, _arming, _modes, _mission, _parameters, _files, _estimator, _errors, _events, _texts,
+    ):  # fmt: skip
+        every += islice(moments_of(log), MOST)
+    return sorted(every, key=lambda moment: moment.at_ns)
 
 
-def moments_near(found: Sequence[Moment], from_ns: int, until_ns: int, margin_ns: int = 0) -> list[Moment]:
+def moments_near(every: Sequence[Moment], from_ns: int, until_ns: int, margin_ns: int = 0) -> list[Moment]:
     """Moments that overlap the span, the most informative kinds first."""
-    inside = [one for one in found if one.until_ns >= from_ns - margin_ns and one.at_ns <= until_ns + margin_ns]
-    return sorted(inside, key=lambda one: (_RANK.index(one.kind), one.at_ns))
+    near = [
+        moment for moment in every if moment.until_ns >= from_ns - margin_ns and moment.at_ns <= until_ns + margin_ns
+    ]
+    return sorted(near, key=lambda moment: (_RANK.index(moment.kind), moment.at_ns))
 
 
-def moments_text(found: Sequence[Moment]) -> str:
+def moments_text(near: Sequence[Moment]) -> str:
     """At most six moments in one line; "nothing that was logged" if there is none. Texts appear only if nothing else
     does."""
-    telling = [one for one in found if one.kind != "text"] or list(found)
-    texts = list(dict.fromkeys(one.text for one in telling))
+    telling = [moment for moment in near if moment.kind != "text"] or list(near)
+    texts = list(dict.fromkeys(moment.text for moment in telling))
     if not texts:
         return "nothing that was logged"
     more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
     return "; ".join(texts[:NAMED]) + more
 
 
-def _log(log: Log) -> Iterator[Moment]:
+def _beginning(log: Log) -> Iterator[Moment]:
     if log.span_ns is not None:
         begin = log.span_ns[0]
         yield Moment(begin, begin, "log", "the log begins", "")
@@ -82,16 +84,16 @@ def _log(log: Log) -> Iterator[Moment]:
 
 def _arming(log: Log) -> Iterator[Moment]:
     span = log.span_ns or (0, 0)
-    for one in signals.armed(log):
-        if one.from_ns > span[0]:
-            yield Moment(one.from_ns, one.from_ns, "arming", "armed", one.source)
-        if one.until_ns < span[1]:
-            yield Moment(one.until_ns, one.until_ns, "arming", "disarmed", one.source)
+    for armed in signals.armed(log):
+        if armed.from_ns > span[0]:
+            yield Moment(armed.from_ns, armed.from_ns, "arming", "armed", armed.source)
+        if armed.until_ns < span[1]:
+            yield Moment(armed.until_ns, armed.until_ns, "arming", "disarmed", armed.source)
 
 
 def _modes(log: Log) -> Iterator[Moment]:
-    for one in signals.modes(log):
-        yield Moment(one.from_ns, one.from_ns, "mode", f"mode {one.text}", one.source)
+    for mode in signals.modes(log):
+        yield Moment(mode.from_ns, mode.from_ns, "mode", f"mode {mode.text}", mode.source)
 
 
 def _spells(stamps: Sequence[int]) -> list[tuple[int, int, int]]:
@@ -148,13 +150,12 @@ def _estimator(log: Log) -> Iterator[Moment]:
         for at_ns, kind in zip(table.stamp_ns.tolist(), table.values("Type", raw=True).tolist(), strict=True):
             if kind not in seen:
                 seen.add(kind)
-                yield Moment(
-                    at_ns, at_ns, "estimator", "origin of the estimator set" if kind == 0 else "home set", "ORGN"
-                )
+                text = "origin of the estimator set" if kind == 0 else "home set"
+                yield Moment(at_ns, at_ns, "estimator", text, "ORGN")
     for name in ("XKF1", "NKF1"):
-        found = log.tables.get(name)
-        if found is not None and len(found):
-            at_ns = int(found.stamp_ns.min())
+        core = log.tables.get(name)
+        if core is not None and len(core):
+            at_ns = int(core.stamp_ns.min())
             yield Moment(at_ns, at_ns, "estimator", "the estimator begins", name)
             return
 
@@ -172,16 +173,16 @@ def _events(log: Log) -> Iterator[Moment]:
 
 
 def _faults(log: Log) -> Iterator[Moment]:
-    for table, field, text in (("/faults", "fault", "fault"), ("/takeovers", "from_node", "takeover from")):
-        found = log.tables.get(table)
-        if found is None or field not in found.columns:
+    for topic, field, text in (("/faults", "fault", "fault"), ("/takeovers", "from_node", "takeover from")):
+        table = log.tables.get(topic)
+        if table is None or field not in table.columns:
             continue
-        begins = found.values("active").tolist() if "active" in found.columns else [None] * len(found)
-        for at_ns, name, active in zip(found.stamp_ns.tolist(), found.values(field), begins, strict=True):
-            what = "" if active is None else " begins" if active else " ends"
-            yield Moment(at_ns, at_ns, "fault" if active is not None else "takeover", f"{text} {name}{what}", table)
+        begins = table.values("active").tolist() if "active" in table.columns else [None] * len(table)
+        for at_ns, name, active in zip(table.stamp_ns.tolist(), table.values(field), begins, strict=True):
+            change = "" if active is None else " begins" if active else " ends"
+            yield Moment(at_ns, at_ns, "fault" if active is not None else "takeover", f"{text} {name}{change}", topic)
 
 
 def _texts(log: Log) -> Iterator[Moment]:
-    for one in signals.texts(log):
-        yield Moment(one.at_ns, one.at_ns, "text", f"“{one.text.strip()[:80]}”", one.source)
+    for text in signals.texts(log):
+        yield Moment(text.at_ns, text.at_ns, "text", f"“{text.text.strip()[:80]}”", text.source)

@@ -68,11 +68,11 @@ def stray_truth_m(log: Log) -> float | None:
     the vehicle.
     """
     if log not in _stray_by_log:
-        _stray_by_log[log] = _stray_m(log)
+        _stray_by_log[log] = _measure_stray_m(log)
     return _stray_by_log[log]
 
 
-def _stray_m(log: Log) -> float | None:
+def _measure_stray_m(log: Log) -> float | None:
     truth, table = geodetic_series(log, "SIM", ("Lat", "Lng", "Alt")), log.tables.get("GPS")
     if truth is None or table is None or not {"Lat", "Lng", "Status", "Spd", "GCrs"} <= set(table.columns):
         return None
@@ -85,7 +85,7 @@ def _stray_m(log: Log) -> float | None:
     if not known.any():
         return None
     frame, level_m = LocalFrame(*map(float, truth.values[0])), np.zeros(int(known.sum()))
-    at, behind, ahead = (frame.ned(each[known, 0], each[known, 1], level_m)[:, :2] for each in (there, before, after))
+    at, behind, ahead = (frame.ned(deg[known, 0], deg[known, 1], level_m)[:, :2] for deg in (there, before, after))
     fixes = frame.ned(table.values("Lat", rows[known]), table.values("Lng", rows[known]), level_m)[:, :2]
     true_mps = (ahead - behind) / (2e-9 * _HALF_NS)
     course = np.radians(course_deg[known])
@@ -95,7 +95,7 @@ def _stray_m(log: Log) -> float | None:
     return apart_m if unlike > _UNLIKE and apart_m > _APART_M else None
 
 
-def follows_simulator(told: Series, simulated: Series) -> bool:
+def follows_simulator(logged: Series, simulated: Series) -> bool:
     """Whether the logged position follows that of the simulator (SIM), approximately.
 
     If the sensors come from elsewhere, the simulated vehicle is at rest, or the same outputs drive it to another
@@ -107,11 +107,11 @@ def follows_simulator(told: Series, simulated: Series) -> bool:
     extent_m = float(np.hypot(*np.ptp(true_m, axis=0)))
     if extent_m < _STILL_M:
         return False
-    at = simulated.interpolated(told.stamp_ns)
+    at = simulated.interpolated(logged.stamp_ns)
     known = np.isfinite(at).all(axis=1)
     if not known.any():
         return False
-    apart = ardupilot_ned(origin, told.values[known]) - ardupilot_ned(origin, at[known])
+    apart = ardupilot_ned(origin, logged.values[known]) - ardupilot_ned(origin, at[known])
     return float(np.median(np.hypot(apart[:, 0], apart[:, 1]))) < _NEAR_SHARE * extent_m
 
 
@@ -307,19 +307,13 @@ def topic_source(topic: str) -> SignalSource:
 
 
 def _pose_topic(table: Table, place: str, turn: str) -> PoseTopic | None:
-    columns = table.columns
-    if f"{place}.x" not in columns or f"{turn}.w" not in columns:
+    if f"{place}.x" not in table.columns or f"{turn}.w" not in table.columns:
         return None
-    frame = next((name for name in _child_frame_columns(place) if name in columns), None)
-    return PoseTopic(table if frame is None else _farthest_travelled(table, frame, place), place, turn)
-
-
-def _child_frame_columns(place: str) -> tuple[str, ...]:
-    """Columns with the child frame of transforms, because one topic may have several frames."""
-    if not place.endswith("translation"):
-        return ()
-    above = place.removesuffix("translation").removesuffix("transform.")
-    return (f"{above}child_frame_id",)
+    if place.endswith("translation"):  # one topic of transforms may have several child frames
+        frame = place.removesuffix("translation").removesuffix("transform.") + "child_frame_id"
+        if frame in table.columns:
+            table = _farthest_travelled(table, frame, place)
+    return PoseTopic(table, place, turn)
 
 
 def _farthest_travelled(table: Table, column: str, place: str) -> Table:
@@ -341,25 +335,26 @@ def _odometry_speed(log: Log, topic: str) -> Series | None:
 
 
 def _foreign_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
-    speeds = (_odometry_speed(log, each.table.name) for each in foreign_poses(log, of))
-    return next((found for found in speeds if found is not None), None)
+    speeds = (_odometry_speed(log, pose.table.name) for pose in foreign_poses(log, of))
+    return next((speed for speed in speeds if speed is not None), None)
 
 
 def _foreign_angle(log: Log, name: str, of: SignalSource = "estimate") -> Series | None:
-    return next((found for each in foreign_poses(log, of) if (found := each.angle(name)) is not None), None)
+    angles = (pose.angle(name) for pose in foreign_poses(log, of))
+    return next((angle for angle in angles if angle is not None), None)
 
 
 def _foreign_yaw_rate(log: Log, of: SignalSource) -> Series | None:
-    rates = (_odometry_yaw_rate(log, each.table.name) for each in foreign_poses(log, of))
-    return next((found for found in rates if found is not None), None)
+    rates = (_odometry_yaw_rate(log, pose.table.name) for pose in foreign_poses(log, of))
+    return next((rate for rate in rates if rate is not None), None)
 
 
 def _odometry_yaw_rate(log: Log, topic: str) -> Series | None:
     table = first_instance(log, topic)
-    if (
-        table is None
-        or (angular := stacked_columns(table, tuple(f"twist.twist.angular.{axis}" for axis in "xyz"))) is None
-    ):
+    if table is None:
+        return None
+    angular = stacked_columns(table, tuple(f"twist.twist.angular.{axis}" for axis in "xyz"))
+    if angular is None:
         return None
     return make_series(table.stamp_ns, flu_to_frd(angular)[:, 2] * _DEG, "deg/s", f"{topic}.twist.twist.angular.z")
 
@@ -464,8 +459,7 @@ def position_ned(
         own = _estimator_origin(log) or _first_place(simulated)
         flat = ardupilot_ned(own, geodetic.values)
         path = flat if about == own else frame.ned(*LocalFrame(*own).geodetic(flat))
-    found = Series(geodetic.stamp_ns, path, "m", geodetic.source, dropped=geodetic.dropped)
-    return LocalPosition(found, about)
+    return LocalPosition(Series(geodetic.stamp_ns, path, "m", geodetic.source, dropped=geodetic.dropped), about)
 
 
 def _simulated(log: Log) -> Series | None:

@@ -13,7 +13,15 @@ from sim_core.frames import quat_to_euler
 from xitl_cli.logs.model.codes import VehicleKind, kind_from_mav_type
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Flags, Floats, Selection, Stamps, Table
-from xitl_cli.logs.signals.series import Series, SignalSource, first_instance, make_series, numbers, stacked
+from xitl_cli.logs.signals.series import (
+    Series,
+    SignalSource,
+    channel_series,
+    first_instance,
+    make_series,
+    numbers,
+    stacked,
+)
 
 NAV_STATES: Mapping[int, str] = {
     0: "Manual", 1: "Altitude", 2: "Position", 3: "Mission", 4: "Hold", 5: "Return", 6: "Position slow",
@@ -78,9 +86,9 @@ def geodetic(log: Log, of: SignalSource = "estimate") -> tuple[Stamps, Floats, s
             ways += [(name, ("latitude_deg", "longitude_deg", "altitude_msl_m")), (name, ("lat", "lon", "alt"))]
     for name, fields in ways:
         table = topic(log, name)
-        found = None if table is None else stacked(table, fields)
-        if table is not None and found is not None and np.isfinite(found).all(axis=1).any():
-            return table.stamp_ns, found, name
+        place = None if table is None else stacked(table, fields)
+        if table is not None and place is not None and np.isfinite(place).all(axis=1).any():
+            return table.stamp_ns, place, name
     return None
 
 
@@ -100,16 +108,12 @@ def nav_states(log: Log) -> tuple[Stamps, Stamps, str] | None:
 
 def vehicle_kind(log: Log) -> VehicleKind:
     table = topic(log, "vehicle_status")
-    for name, kind_of in (("vehicle_type", lambda number: _KINDS.get(number, "unknown")), ("system_type", _by_mav)):
-        if table is not None and name in table.columns and len(table):
-            kind = kind_of(int(table.values(name)[-1]))
-            if kind != "unknown":
-                return kind
-    return "unknown"
-
-
-def _by_mav(number: int) -> VehicleKind:
-    return kind_from_mav_type(number)
+    kind: VehicleKind = "unknown"
+    if table is not None and "vehicle_type" in table.columns and len(table):
+        kind = _KINDS.get(int(table.values("vehicle_type")[-1]), "unknown")
+    if kind == "unknown" and table is not None and "system_type" in table.columns and len(table):
+        kind = kind_from_mav_type(int(table.values("system_type")[-1]))
+    return kind
 
 
 def release(log: Log) -> tuple[str | None, str | None, str | None]:
@@ -131,11 +135,7 @@ def outputs(log: Log) -> dict[int, Series]:
     count = numbers(table, "noutputs")
     if count is not None and len(count):
         used = int(np.clip(np.nanmax(count), 0, used))
-    found = {
-        number + 1: make_series(table.stamp_ns, values[:, number], "us", f"actuator_outputs.output[{number}]")
-        for number in range(used)
-    }
-    return {number: each for number, each in found.items() if each is not None and each.values.any()}
+    return channel_series(table, values[:, :used], "us", "output", used_only=True)
 
 
 def utc(log: Log) -> tuple[Stamps, Stamps] | None:
@@ -145,6 +145,6 @@ def utc(log: Log) -> tuple[Stamps, Stamps] | None:
         if table is not None and {"time_utc_usec", "fix_type"} <= set(table.columns):
             fixed = Selection(table, table.values("fix_type") >= 3)
             if len(fixed):
-                told = np.minimum(fixed.values("time_utc_usec"), 1 << 52).astype(np.int64) * 1_000
-                return fixed.stamp_ns, told
+                utc_ns = np.minimum(fixed.values("time_utc_usec"), 1 << 52).astype(np.int64) * 1_000
+                return fixed.stamp_ns, utc_ns
     return None

@@ -108,12 +108,12 @@ def not_real_time(shortfalls: tuple[str, ...]) -> str:
 
 def worst(all_of: list[TaskMissCount]) -> TaskMissCount | None:
     """Task with the largest share missed."""
-    return max(all_of, key=lambda one: one.share, default=None)
+    return max(all_of, key=lambda task: task.share, default=None)
 
 
 def worst_link(all_of: list[LinkLosses]) -> LinkLosses | None:
     """Link with the largest share lost."""
-    return max(all_of, key=lambda one: one.share, default=None)
+    return max(all_of, key=lambda link: link.share, default=None)
 
 
 def _percent(share: float) -> str:

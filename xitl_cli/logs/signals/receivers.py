@@ -83,27 +83,25 @@ _OLD_PX4 = "vehicle_gps_position"
 
 def gnss_receivers(log: Log) -> list[GnssReceiver]:
     """Every instance with at least three rows and at any time a fix or a satellite."""
-    found: list[GnssReceiver] = []
-    # Sensor_msgs/NavSatFix topics of receivers, without a simulator's truth.
-    for table in [
-        *(tables_of(log, _KINDS) or tables_of(log, (_OLD_PX4,))),
-        *[
-            table
-            for name, table in log.tables.items()
-            if topic_source(name) == "estimate" and {"status.status", "latitude"} <= set(table.columns)
-        ],
-    ]:
-        for number, each in by_instance(table).items():
-            if len(each) >= 3 and (receiver := _receiver(log, instance_label(table, number), each, number)) is not None:
-                found.append(receiver)
-    return found
+    tables = [*(tables_of(log, _KINDS) or tables_of(log, (_OLD_PX4,)))]
+    # Topics of sensor_msgs/NavSatFix, without a simulator's truth.
+    for name, table in log.tables.items():
+        if topic_source(name) == "estimate" and {"status.status", "latitude"} <= set(table.columns):
+            tables.append(table)
+    receivers: list[GnssReceiver] = []
+    for table in tables:
+        for number, rows in by_instance(table).items():
+            receiver = _receiver(log, instance_label(table, number), rows, number) if len(rows) >= 3 else None
+            if receiver is not None:
+                receivers.append(receiver)
+    return receivers
 
 
 def injected_receivers(log: Log) -> list[GnssReceiver]:
     """Fixes that the autopilot received, from the frames of its link in an xitl recording."""
     names = [f"{name}:XITL_GNSS" for name in log.tables if name.endswith("/link/agent/tx")]
-    found = [_receiver(log, "XITL_GNSS", log.tables[name], 0) for name in names if name in log.tables]
-    return [receiver for receiver in found if receiver is not None and len(receiver.stamp_ns) >= 3]
+    receivers = [_receiver(log, "XITL_GNSS", log.tables[name], 0) for name in names if name in log.tables]
+    return [receiver for receiver in receivers if receiver is not None and len(receiver.stamp_ns) >= 3]
 
 
 def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | None:
@@ -128,7 +126,16 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | 
     if not (fix >= 2).any() and (satellites is None or not (satellites > 0).any()):
         return None
     blind = (fix < 2) | ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
-    speed = _plausible(table, fields.get("speed"), columns.get("speed"))
+    speed = columns.get("speed")
+    if speed is None or speed.ndim != 1:
+        speed = None
+    elif table.name != "GPS" and message_of(table.name).endswith(("_RAW", "_INT")):
+        # MAVLink's 65535 means unknown.
+        speed = np.where(np.asarray(table.values(fields["speed"], raw=True)) == 65535, np.nan, speed)
+    velocity = _velocity(table, speed, columns.get("course"), columns.get("down"))
+    if speed is None:
+        logged = numbers(table, "velocity")
+        speed = np.hypot(logged[:, 0], logged[:, 1]) if logged is not None and logged.ndim == 2 else None
     # Dilution of precision. MAVLink's eph is a dilution times 100, or 65535 for unknown.
     values = columns.get("hdop")
     if values is None or "eph" not in table.columns or "hdop" in table.columns:
@@ -147,25 +154,11 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | 
         hdop=hdop,
         lat_deg=np.where(blind, np.nan, lat),
         lon_deg=np.where(blind, np.nan, lon),
-        vel_ned_mps=_velocity(table, speed, columns.get("course"), columns.get("down")),
-        speed_mps=speed if speed is not None else _norm(table),
+        vel_ned_mps=velocity,
+        speed_mps=speed,
         week=numbers(table, first_of(table, ("GWk", "Week")) or ""),
         accuracy=_accuracy(log, table, number),
     )
-
-
-def _plausible(table: Table, name: str | None, values: Floats | None) -> Floats | None:
-    """Values without MAVLink's 65535, which means unknown."""
-    if name is None or values is None or values.ndim != 1:
-        return None
-    if table.name == "GPS" or not message_of(table.name).endswith(("_RAW", "_INT")):
-        return values
-    return np.where(np.asarray(table.values(name, raw=True)) == 65535, np.nan, values)
-
-
-def _norm(table: Table) -> Floats | None:
-    velocity = numbers(table, "velocity")
-    return np.hypot(velocity[:, 0], velocity[:, 1]) if velocity is not None and velocity.ndim == 2 else None
 
 
 def _velocity(table: Table, speed: Floats | None, course_deg: Floats | None, down: Floats | None) -> Floats:
@@ -182,35 +175,31 @@ def _velocity(table: Table, speed: Floats | None, course_deg: Floats | None, dow
 
 
 def _accuracy(log: Log, table: Table, number: int) -> ReceiverAccuracy | None:
+    names: tuple[str, ...] = ()
     if "h_acc" in table.columns:
-        parts = [
-            numbers(table, first_of(table, names) or "") for names in (("h_acc",), ("v_acc",), ("s_acc", "vel_acc"))
-        ]
-        return ReceiverAccuracy(
-            table.name, bounded_stamps(table), _known(parts[0]), _known(parts[1]), _known(parts[2]), None, None
-        )
-    if "satellites_used" in table.columns and "eph" in table.columns:  # from PX4: metres
-        told = [_known(numbers(table, name)) for name in ("eph", "epv", "s_variance_m_s")]
-        return ReceiverAccuracy(table.name, bounded_stamps(table), told[0], told[1], told[2], None, None)
+        names = ("h_acc", "v_acc", first_of(table, ("s_acc", "vel_acc")) or "")
+    elif "satellites_used" in table.columns and "eph" in table.columns:  # from PX4: metres
+        names = ("eph", "epv", "s_variance_m_s")
+    if names:
+        horizontal, vertical, speed = (_known(numbers(table, name)) for name in names)
+        return ReceiverAccuracy(table.name, bounded_stamps(table), horizontal, vertical, speed, None, None)
     covariance = numbers(table, "position_covariance")
     if covariance is not None and covariance.ndim == 2 and covariance.shape[1] == 9:
         east, north, up = (np.maximum(covariance[:, place], 0.0) for place in (0, 4, 8))
-        horizontal = np.sqrt(0.5 * (east + north))
-        return ReceiverAccuracy(
-            table.name, bounded_stamps(table), _known(horizontal), _known(np.sqrt(up)), None, None, None
-        )
-    beside = {"GPS": "GPA", "GPS2": "GPA2"}.get(table.name)
-    whole = None if beside is None else log.tables.get(beside)
-    if whole is None or (each := by_instance(whole).get(number)) is None:
+        horizontal, vertical = _known(np.sqrt(0.5 * (east + north))), _known(np.sqrt(up))
+        return ReceiverAccuracy(table.name, bounded_stamps(table), horizontal, vertical, None, None, None)
+    accuracies = log.tables.get({"GPS": "GPA", "GPS2": "GPA2"}.get(table.name, ""))
+    rows = None if accuracies is None else by_instance(accuracies).get(number)
+    if accuracies is None or rows is None:
         return None
     return ReceiverAccuracy(
-        whole.name,
-        bounded_stamps(each),
-        _known(numbers(each, "HAcc")),
-        _known(numbers(each, "VAcc")),
-        _known(numbers(each, "SAcc")),
-        numbers(each, "SMS", raw=True),
-        numbers(each, "Delta", raw=True),
+        accuracies.name,
+        bounded_stamps(rows),
+        _known(numbers(rows, "HAcc")),
+        _known(numbers(rows, "VAcc")),
+        _known(numbers(rows, "SAcc")),
+        numbers(rows, "SMS", raw=True),
+        numbers(rows, "Delta", raw=True),
     )
 
 

@@ -160,16 +160,16 @@ def _vector(table: Table, names: tuple[str, ...], unit: str, factor: float) -> F
     """(N, 3). MAVLink's integer messages are in mrad/s and mG, which not all of them state."""
     if not names:
         return None
-    found = numbers(table, names[0]) if len(names) == 1 else stacked(table, names)
-    if found is None or found.ndim != 2 or found.shape[1] < 3:
+    vectors = numbers(table, names[0]) if len(names) == 1 else stacked(table, names)
+    if vectors is None or vectors.ndim != 2 or vectors.shape[1] < 3:
         return None
-    found = found[:, :3]
+    vectors = vectors[:, :3]
     kind = message_of(table.name)
     if kind == "RAW_IMU" or kind.startswith("SCALED_IMU"):
-        told = table.columns[names[0]].unit.replace("²", "^2")
-        if told not in (unit, "m/s^2", "m/s/s", "rad/s"):
-            return found * factor
-    return found
+        logged_unit = table.columns[names[0]].unit.replace("²", "^2")
+        if logged_unit not in (unit, "m/s^2", "m/s/s", "rad/s"):
+            return vectors * factor
+    return vectors
 
 
 def _positive_median(table: Table, name: str) -> float | None:
@@ -222,7 +222,7 @@ def find_rest(log: Log, found: list[InertialUnit]) -> RestPeriods:
     whole = [unit for unit in found if unit.gyro_radps is not None and unit.accel_mps2 is not None]
     if not whole:
         return RestPeriods((), None, False)
-    unit = max(whole, key=lambda each: len(each.stamp_ns))
+    unit = max(whole, key=lambda candidate: len(candidate.stamp_ns))
     windows = _windows(unit)
     if windows is None:
         return RestPeriods((), unit.name, False)

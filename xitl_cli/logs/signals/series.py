@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Floats, Stamps, Table
+from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, rising
 
 SignalSource = Literal["estimate", "truth"]
 
@@ -39,8 +39,8 @@ class Series:
         where = (stamp_ns - self.stamp_ns[0]).astype(np.float64)
         known = (self.stamp_ns - self.stamp_ns[0]).astype(np.float64)
         columns = values.reshape(len(values), -1).T
-        found = np.stack([np.interp(where, known, column, left=np.nan, right=np.nan) for column in columns], axis=-1)
-        shaped: Floats = found.reshape((len(stamp_ns), *values.shape[1:]))
+        between = np.stack([np.interp(where, known, column, left=np.nan, right=np.nan) for column in columns], axis=-1)
+        shaped: Floats = between.reshape((len(stamp_ns), *values.shape[1:]))
         return np.mod(shaped, 360.0) if self.turns else shaped
 
 
@@ -58,8 +58,7 @@ def make_series(
     stamps, numbers = stamp_ns[good], numbers[good]
     if not len(stamps):
         return None
-    newest = np.maximum.accumulate(stamps)
-    forward = np.concatenate(([True], stamps[1:] > newest[:-1]))
+    forward = rising(stamps)
     dropped = len(good) - int(forward.sum())
     return Series(stamps[forward].astype(np.int64), numbers[forward], unit, source, turns, dropped)
 
@@ -74,20 +73,32 @@ def column_series(
     return make_series(found.stamp_ns, found.values(name, raw=raw) * factor, unit, f"{table}.{name}", turns=turns)
 
 
+def channel_series(table: Table, values: Floats, unit: str, field: str, *, used_only: bool) -> dict[int, Series]:
+    """One series for each column of `values` (N, k), by channel from 1. used_only: without those that are always 0."""
+    channels: dict[int, Series] = {}
+    for index in range(values.shape[1]):
+        series = make_series(table.stamp_ns, values[:, index], unit, f"{table.name}.{field}[{index}]")
+        if series is not None and (series.values.any() or not used_only):
+            channels[index + 1] = series
+    return channels
+
+
 def first_instance(log: Log, table: str) -> Table | None:
     """The table, or its lowest instance if it has several."""
     found = log.tables.get(table)
     if found is None or found.instance is None:
         return found
-    from xitl_cli.logs.model.table import by_instance
-
     split = by_instance(found)
     return split[min(split)] if split else None
 
 
 def first_series(log: Log, *ways: SeriesReader) -> Series | None:
     """Series of the first of these readers that has one."""
-    return next((found for way in ways if (found := way(log)) is not None), None)
+    for read in ways:
+        series = read(log)
+        if series is not None:
+            return series
+    return None
 
 
 def stacked_columns(table: Table, names: tuple[str, ...]) -> Floats | None:
@@ -113,8 +124,8 @@ def numbers(table: Table, name: str, *, raw: bool = False) -> Floats | None:
 def stacked(table: Table, names: Sequence[str], *, raw: bool = False) -> Floats | None:
     """(N, k) of k columns with one number per row; None if one is missing."""
     columns = [numbers(table, name, raw=raw) for name in names]
-    found = [column for column in columns if column is not None and column.ndim == 1]
-    return np.stack(found, axis=1) if len(found) == len(names) else None
+    known = [column for column in columns if column is not None and column.ndim == 1]
+    return np.stack(known, axis=1) if len(known) == len(names) else None
 
 
 def bounded_stamps(table: Table) -> Stamps:

@@ -66,8 +66,8 @@ def inside(stamp_ns: Stamps, spans: Sequence[tuple[int, int]]) -> Flags:
     edges = np.array(sorted(spans), dtype=np.int64)
     begins, ends = edges[:, 0], np.maximum.accumulate(edges[:, 1])
     last = np.searchsorted(begins, stamp_ns, side="right") - 1
-    found: Flags = (last >= 0) & (stamp_ns <= ends[last])
-    return found
+    rows: Flags = (last >= 0) & (stamp_ns <= ends[last])
+    return rows
 
 
 _LONGER_THAN_USUAL = 20.0  # geometric runs of mean 2 reach 20 times that once in 10^12

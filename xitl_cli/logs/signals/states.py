@@ -23,7 +23,7 @@ from xitl_cli.logs.model.codes import (
 )
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, first_of
-from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
+from xitl_cli.logs.signals.series import Series, channel_series, first_instance, make_series, numbers, tables_of
 
 CORE = "C"
 _PRIMARY = "PI"
@@ -278,7 +278,7 @@ def texts(log: Log) -> list[LogText]:
         for row, (at_ns, text) in enumerate(zip(table.stamp_ns.tolist(), table.values(field), strict=True)):
             severity = None if levels is None else int(levels[row])
             found.append(LogText(at_ns, str(text), severity, f"{name}.{field}"))
-    return sorted(found, key=lambda each: each.at_ns)
+    return sorted(found, key=lambda text: text.at_ns)
 
 
 def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
@@ -293,8 +293,8 @@ def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
         either = (numbers == ARMED) | (numbers == DISARMED)
         if either.any():
             return _from_start(log, table.stamp_ns[either], numbers[either] == ARMED, "EV.Id")
-    if (said := _states_from_texts(log)) is not None:
-        return said
+    if (states := _states_from_texts(log)) is not None:
+        return states
     table = log.tables.get("STAT")  # from Plane
     if table is not None and "Armed" in table.columns:
         return table.stamp_ns, table.values("Armed", raw=True) != 0, "STAT.Armed"
@@ -321,15 +321,15 @@ def _states_from_texts(log: Log) -> tuple[Stamps, Flags, str] | None:
     table = log.tables.get("MSG")
     if table is None or "Message" not in table.columns:
         return None
-    said = [
+    changes = [
         (at_ns, _ARMED_TEXTS[text])
         for at_ns, text in zip(table.stamp_ns.tolist(), table.values("Message").tolist(), strict=True)
         if text in _ARMED_TEXTS
     ]
-    if not said:
+    if not changes:
         return None
-    stamps = np.array([at_ns for at_ns, _ in said], dtype=np.int64)
-    return _from_start(log, stamps, np.array([on for _, on in said]), "MSG.Message")
+    stamps = np.array([at_ns for at_ns, _ in changes], dtype=np.int64)
+    return _from_start(log, stamps, np.array([on for _, on in changes]), "MSG.Message")
 
 
 def _state_spans(
@@ -408,11 +408,7 @@ def outputs(log: Log) -> dict[int, Series]:
     if commands is not None and "command" in commands.columns:
         values = np.asarray(commands.values("command"), dtype=np.float64)
         if values.ndim == 2:
-            found = {
-                index + 1: make_series(commands.stamp_ns, values[:, index], "", f"/actuators.command[{index}]")
-                for index in range(values.shape[1])
-            }
-            return {channel: each for channel, each in found.items() if each is not None}
+            return channel_series(commands, values, "", "command", used_only=False)
     return pulses(log)
 
 
@@ -438,13 +434,10 @@ def rc_inputs(log: Log) -> dict[int, Series]:
 
 def _bridged_pulses(log: Log, ending: str) -> dict[int, Series]:
     table = bridge_topic(log, ending, "channels")
-    if table is None or (channels := numbers(table, "channels", raw=True)) is None or channels.ndim != 2:
+    channels = None if table is None else numbers(table, "channels", raw=True)
+    if table is None or channels is None or channels.ndim != 2:
         return {}
-    found = {
-        number + 1: make_series(table.stamp_ns, channels[:, number], "us", f"{table.name}.channels[{number}]")
-        for number in range(channels.shape[1])
-    }
-    return {number: each for number, each in found.items() if each is not None and (each.values != 0.0).any()}
+    return channel_series(table, channels, "us", "channels", used_only=True)
 
 
 def bridge_topic(log: Log, ending: str, column: str) -> Table | None:
@@ -469,7 +462,7 @@ def _pulses(log: Log, logged: tuple[str, ...], message: str, bridged: str) -> di
             channel = int(match[1] or match[2] or match[3])
             if channel in found:
                 continue
-            each = make_series(table.stamp_ns, table.values(column, raw=True), "us", f"{name}.{column}")
-            if each is not None and (each.values != 0.0).any():
-                found[channel] = each
+            pulse = make_series(table.stamp_ns, table.values(column, raw=True), "us", f"{name}.{column}")
+            if pulse is not None and (pulse.values != 0.0).any():
+                found[channel] = pulse
     return dict(sorted(found.items()))

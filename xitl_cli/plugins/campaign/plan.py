@@ -349,8 +349,8 @@ def _check_way(plan: CampaignPlan) -> None:
 
 def base_heads() -> tuple[str, ...]:
     """Return the sections of summaries, including those of fleets and encounters."""
-    from xitl_cli.run.summary import merged
+    from xitl_cli.run.summary import OF_THE_GRAPH, merged
 
     top = ("format", "xitl", "profile", "technique", "seed", "clock", "started_utc", "ended", "error", "verdict")
     more = ("wdri", "duration_s", "wall_s", "real_time_factor", "driver", "vessels", "encounters")
-    return (*top, *more, *merged([]))
+    return (*top, *more, *(key for key in merged([]) if key not in OF_THE_GRAPH))

@@ -14,10 +14,14 @@ from xitl_cli.commands.options import From, Json, OpenPage, Raw, Until, Vessel, 
 from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse, tell_vessels
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
+from xitl_cli.registry import LOG_REPLAYS, load
 
 if TYPE_CHECKING:
     from xitl_cli.logs.report.model import Report
     from xitl_cli.logs.report.page import Replay
+
+XITL_REPLAY = "view"
+"""Name of xitl's own replay."""
 
 
 def analyze(
@@ -26,7 +30,7 @@ def analyze(
         typer.Argument(
             metavar="FILE...",
             help="DataFlash .bin, .ulg, .tlog, .mcap or bag; several of one run are aligned. The directory of a run "
-            "stands for its recording and its autopilot's log.",
+            "contributes its recording and its autopilot's log.",
         ),
     ],
     report: Annotated[
@@ -42,13 +46,14 @@ def analyze(
             autocompletion=complete_section,
         ),
     ] = None,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="With a page, print here what is on it as well: all facts.")
-    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="With --report, also print all facts here.")] = False,
     vessel: Vessel = None,
     with_replay: Annotated[
-        bool, typer.Option("--replay/--no-replay", help="With a page, put the 3D replay beside its map.")
+        bool, typer.Option("--replay/--no-replay", help="With --report, show the 3D replay next to the map.")
     ] = True,
+    replay_by: Annotated[
+        str, typer.Option("--replay-by", metavar="NAME", help="Make it with the replay of a package (default: view).")
+    ] = XITL_REPLAY,
     as_json: Json = False,
     open_it: OpenPage = False,
 ) -> None:
@@ -66,41 +71,44 @@ def analyze(
     wanted = sections_named(sections or ())
     analyses = log_analyses(wanted)
     overview = not wanted or OVERVIEW in wanted
-    page = report or (_beside(files[0], "report") if open_it else None)
+    page = report or (_page_path(files[0], "report") if open_it else None)
     if page is not None:
         html.refuse_other(page)
-    with progress("opening") as told:
-        found = build_report(files, analyses, told, vessel or "", overview=overview, signals_held=page is not None)
-        if page is not None and found.files:
+    if replay_by != XITL_REPLAY:
+        load(LOG_REPLAYS, replay_by)  # refused before the analysis
+    with progress("opening") as show_progress:
+        held = page is not None
+        results = build_report(files, analyses, show_progress, vessel or "", overview=overview, signals_held=held)
+        if page is not None and results.files:
             replay = None
             if with_replay and overview:
-                told("3D replay")
-                replay = _replay(found, vessel)
-            told("page")
-            html.write(found, page, replay)
+                show_progress("3D replay")
+                replay = _replay(results, vessel, replay_by)
+            show_progress("page")
+            html.write(results, page, replay)
     with quiet_pipe():
         if as_json:
-            print(json.dumps(document(found), allow_nan=False, ensure_ascii=False))
-        elif found.files:
-            _show(found, page, verbose)
-    if page is not None and open_it and found.files:
+            print(json.dumps(document(results), allow_nan=False, ensure_ascii=False))
+        elif results.files:
+            _show(results, page, verbose)
+    if page is not None and open_it and results.files:
         open_in_browser(page)
     if vessel is None:
-        tell_vessels(*((file.path, file.vessel, file.vessels) for file in found.files))
-    for file in found.files:
+        tell_vessels(*((file.path, file.vessel, file.vessels) for file in results.files))
+    for file in results.files:
         for failure in file.failures:
             typer.echo(f"error: {file.name}: {failure.sentence}", err=True)
-    refuse([refusal.sentence for refusal in found.refusals])
-    raise typer.Exit(1 if found.failures else 0)
+    refuse([refusal.sentence for refusal in results.refusals])
+    raise typer.Exit(1 if results.failures else 0)
 
 
-def _replay(found: Report, vessel: str | None) -> Replay:
-    """Return the report's logs in 3D from the replay plug-in, or a sentence with the reason for no replay."""
+def _replay(results: Report, vessel: str | None, name: str) -> Replay:
+    """Return the report's logs in 3D from the replay plug-in `name`, or a sentence with the reason for no replay."""
     from xitl_cli.logs.report.page import Replay
-    from xitl_cli.registry import LOG_REPLAYS, PluginError, load
+    from xitl_cli.registry import PluginError, guarded
 
     try:
-        made: Replay = load(LOG_REPLAYS, "view")(found, vessel)
+        made: Replay = guarded(LOG_REPLAYS, name, load(LOG_REPLAYS, name), results, vessel)
     except PluginError as error:
         return Replay(note=f"there is no 3D replay: {error}")
     return made
@@ -111,7 +119,7 @@ def plot(
         list[str],
         typer.Argument(
             metavar="FILE... SIGNAL...",
-            help="Logs or directories of runs, then what to draw: ATT.Roll, 'IMU[1].AccX', RCOU, "
+            help="Logs or directories of runs, then the signals to draw: ATT.Roll, 'IMU[1].AccX', RCOU, "
             "'/truth/state.position_ned_m[0]', or expressions of these: 'wrap180(ATT.DesYaw - ATT.Yaw)', "
             "'hypot(XKF1.VN, XKF1.VE)'.",
         ),
@@ -142,7 +150,7 @@ def plot(
     from_s, until_s = parse_optional_seconds(from_time), parse_optional_seconds(until_time)
     if from_s is not None and until_s is not None and until_s <= from_s:
         raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
-    path = out or _beside(files[0], "plot")
+    path = out or _page_path(files[0], "plot")
     drawn = is_image(path)
     (refuse_other_image if drawn else html.refuse_other)(path)
     page, refusals = signal_page(files, signals, from_s, until_s, raw=raw, vessel=vessel)
@@ -162,23 +170,23 @@ def _files_and_signals(arguments: Sequence[str]) -> tuple[list[Path], list[str]]
     """Split arguments: those up to the last existing path are files, the rest are signals."""
     there = [index for index, text in enumerate(arguments) if os.path.exists(text)]  # noqa: PTH110  never raises
     if not there:
-        raise UserError(f"{arguments[0]}: does not exist; name a log first, then signals such as ATT.Roll")
+        raise UserError(f"{arguments[0]}: does not exist; write a log first, then signals such as ATT.Roll")
     files, signals = list(arguments[: there[-1] + 1]), list(arguments[there[-1] + 1 :])
     if not signals:
         raise UserError("no signal to draw; add some after the file, such as ATT.Roll or GPS.Spd")
     return [Path(text) for text in files], signals
 
 
-def _show(found: Report, page: Path | None, verbose: bool) -> None:
+def _show(results: Report, page: Path | None, verbose: bool) -> None:
     """Show findings, and the facts of all sections without a page or on request."""
     from xitl_cli.commands.terminal import terminal
     from xitl_cli.logs.report.terminal import show
 
-    show(terminal(), found, sections=verbose or page is None)
+    show(terminal(), results, sections=verbose or page is None)
     if page is not None:
-        typer.echo(f"\n{printable(str(page))}: every section with its plots; opens in any browser")
+        typer.echo(f"\n{printable(str(page))}: all sections with plots; open it in a browser")
 
 
-def _beside(log: Path, what: str) -> Path:
+def _page_path(log: Path, kind: str) -> Path:
     """Return a page in the current directory: the directory of a log is often read-only."""
-    return Path(f"{log.stem}.{what}.html")
+    return Path(f"{log.stem}.{kind}.html")

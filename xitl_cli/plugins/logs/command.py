@@ -19,7 +19,7 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
-    from xitl_cli.logs.export.exporting import BagFormat, ExportResult
+    from xitl_cli.logs.export.exporting import ExportResult
     from xitl_cli.params.vehicle import VehicleFiles
 
 _ASK_AGAIN_S = 2.0
@@ -73,7 +73,8 @@ def info(
 def dump(
     file: FileArgument,
     messages: Annotated[
-        list[str], typer.Argument(metavar="MESSAGE...", help="Names of messages or topics; commas do as well.")
+        list[str],
+        typer.Argument(metavar="MESSAGE...", help="Names of messages or topics, separated by spaces or commas."),
     ],
     fields: Annotated[str, typer.Option(metavar="A,B", help="Only these fields, in this order.")] = "",
     where: Annotated[
@@ -88,9 +89,9 @@ def dump(
 ) -> None:
     """Print rows of messages in the order of the file, their time in seconds first.
 
-    In a condition: names of fields and time_s, numbers, 'texts', comparisons, and, or, not, + - * / % **, [0] for an
-    element of an array, functions such as abs, hypot, wrap180, derivative and smooth. A signal of another message,
-    XKF1[0].VN, is taken at the time of the row.
+    A condition has names of fields and time_s, numbers, 'texts', comparisons, and, or, not, + - * / % **, [0] for an
+    element of an array, and functions such as abs, hypot, wrap180, derivative and smooth. A signal of another message,
+    such as XKF1[0].VN, has its value at the time of the row.
     """
     from xitl_cli.logs import open_log
     from xitl_cli.logs.model.query import Condition, stamps_between, tables_named
@@ -110,7 +111,7 @@ def dump(
         names = tuple(name.strip() for name in fields.split(",") if name.strip())
         span_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
         for name, lacked in (condition.lacked(tables) if condition is not None else {}).items():
-            typer.echo(f"{name} has no {', '.join(lacked)}: no comparison with it holds there", err=True)
+            typer.echo(f"{name} has no {', '.join(lacked)}: comparisons with it are false there", err=True)
         for text in row_lines(log, tables, Asked(names, condition, span_ns, raw, limit, as_json, _width())):
             sys.stdout.write(text)
             written = True
@@ -127,7 +128,10 @@ def export(
         list[str] | None, typer.Argument(metavar="[MESSAGE...]", help="Names of messages or topics; all without any.")
     ] = None,
     file_format: Annotated[
-        str, typer.Option("--format", help="csv, parquet, mcap, rosbag2-mcap, rosbag2-sqlite3 or rosbag1.")
+        str,
+        typer.Option(
+            "--format", help="csv, parquet, mcap, rosbag2-mcap, rosbag2-sqlite3, rosbag1 or a format of a package."
+        ),
     ] = "csv",
     out: Annotated[
         Path | None,
@@ -142,22 +146,25 @@ def export(
 ) -> None:
     """Write messages to CSV (a file each), Parquet (a file each), one MCAP with a ROS 2 topic each, or a bag of ROS.
 
-    PlotJuggler reads all of them, Foxglove and Lichtblick MCAP and bags. In a bag a recording has the topics that the
-    run has live, with the types that ROS has for them; other logs have their positions, attitudes and inertial data as
-    such, and each message by itself. MESSAGE is a topic of ROS there too: imu/data.
+    PlotJuggler reads all of them. Foxglove and Lichtblick read MCAP and bags. The bag of a recording has the topics and
+    ROS types of the live run. The bag of another log has its positions, attitudes and inertial data with ROS types, and
+    a topic for each message. For a bag, MESSAGE may also be a ROS topic, such as imu/data.
     """
     from xitl_cli.logs import open_log
-    from xitl_cli.logs.export.exporting import BAG_FORMATS, ExportSelection, export_log
+    from xitl_cli.logs.export.exporting import FORMATS, ExportSelection, export_log
     from xitl_cli.logs.model.query import stamps_between, tables_named
     from xitl_cli.logs.model.text import parse_optional_seconds
+    from xitl_cli.registry import LOG_EXPORTS, names
 
-    if (bag_format := next((each for each in BAG_FORMATS if each == file_format), None)) is not None:
-        _export_bag(file, messages or [], bag_format, out, (from_time, until_time), raw, overwrite, vessel, as_json)
+    if file_format not in FORMATS and file_format in names(LOG_EXPORTS):
+        _export_added(file, messages or [], file_format, out, (from_time, until_time), raw, overwrite, vessel, as_json)
         return
     with open_log(file, vessel) as log:
         named = tables_named(log, messages or list(log.tables))
         if not named.tables:
-            raise LogError(f"{file}: has no row of {', '.join(named.rowless)}; `xitl logs info` lists what it has")
+            raise LogError(
+                f"{file}: has no row of {', '.join(named.rowless)}; `xitl logs info` lists the messages with rows"
+            )
         from_ns, until_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
         done = export_log(log, ExportSelection(named.tables, from_ns, until_ns, raw), file_format, out, overwrite)
         tell_damage(log)
@@ -166,10 +173,10 @@ def export(
     _tell_export(done, as_json)
 
 
-def _export_bag(
+def _export_added(
     file: Path,
     names: list[str],
-    bag_format: BagFormat,
+    file_format: str,
     out: Path | None,
     between: tuple[str | None, str | None],
     raw: bool,
@@ -181,15 +188,16 @@ def _export_bag(
     from xitl_cli.logs.export.exporting import ExportSelection
     from xitl_cli.logs.model.query import stamps_between
     from xitl_cli.logs.model.text import parse_optional_seconds
-    from xitl_cli.registry import LOG_EXPORTS, load
+    from xitl_cli.registry import LOG_EXPORTS, guarded, load
 
-    export_bag = load(LOG_EXPORTS, bag_format)
+    write = load(LOG_EXPORTS, file_format)
 
     with open_log(file, vessel) as log:
         named = {name.strip("/") for name in names}
         tables = tuple(table for table in log.tables.values() if not names or table.name.strip("/") in named)
         from_ns, until_ns = stamps_between(log, *(parse_optional_seconds(text) for text in between))
-        done = export_bag(log, ExportSelection(tables, from_ns, until_ns, raw), names, bag_format, out, overwrite)
+        selection = ExportSelection(tables, from_ns, until_ns, raw)
+        done = guarded(LOG_EXPORTS, file_format, write, log, selection, names, file_format, out, overwrite)
         tell_damage(log)
     _tell_export(done, as_json)
 
@@ -209,15 +217,15 @@ def repair(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Where it goes (default: <name>-repaired.mcap beside it)."),
+        typer.Option("--out", metavar="FILE", help="Output file (default: <name>-repaired.mcap next to it)."),
     ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Write a recording whole: all that can be read of it, with the indexes that programs seek by.
+    """Write a complete copy of a damaged recording: all readable data, with the indexes for seeking.
 
-    For a recording of a run that was killed. Sound chunks, attachments and metadata are copied as they are; what is
-    lost is counted. A file that is whole stays as it is.
+    Use it for a recording of a run that was killed. Sound chunks, attachments and metadata are copied; lost data is
+    counted. A complete file stays unchanged.
     """
     from xitl_cli.logs import open_log
     from xitl_cli.logs.export.repair import repair_log
@@ -235,14 +243,14 @@ def repair(
 
 def tasks(
     vehicle: VehicleAddress,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Keep the file as it is.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also save the file unchanged.")] = None,
     overwrite: Overwrite = False,
     signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Show the execution time of each task of ArduPilot's scheduler, from @SYS/tasks.txt of the vehicle.
 
-    The vehicle then counts until it restarts: bit 0 of its SCHED_OPTIONS is set.
+    This sets bit 0 of SCHED_OPTIONS, so that the vehicle counts until it restarts.
     """
     from xitl_cli.logs.export.files import part_of, refuse_present
     from xitl_cli.logs.model.system_files import parse_tasks, tasks_counted
@@ -250,27 +258,30 @@ def tasks(
     from xitl_cli.signing import read_key_file
 
     if not is_vehicle(vehicle):
-        raise UserError(f"{vehicle!r} is no vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0")
+        raise UserError(
+            f"{vehicle!r} is not the address of a vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0"
+        )
     if out is not None:
         refuse_present([out], overwrite)
     text = fetch_tasks(vehicle, None if signing_key is None else read_key_file(str(signing_key)))
     if out is not None:
         with part_of(out, overwrite) as part:
             part.write_text(text, encoding="utf-8")
-    found = parse_tasks(text)
+    task_times = parse_tasks(text)
+    counted = tasks_counted(task_times)
     if as_json:
-        rows = [asdict(task) for task in found]
-        typer.echo(json.dumps({"vehicle": vehicle, "counted": tasks_counted(found), "tasks": rows}, ensure_ascii=False))
+        rows = [asdict(task) for task in task_times]
+        typer.echo(json.dumps({"vehicle": vehicle, "counted": counted, "tasks": rows}, ensure_ascii=False))
         return
-    width = max(len("task"), *(len(task.name) for task in found))
+    width = max(len("task"), *(len(task.name) for task in task_times))
     typer.echo(f"{'task':<{width}} {'fast':>4} {'min us':>7} {'mean us':>7} {'max us':>7} {'overruns':>8} {'share':>7}")
-    for task in found:
+    for task in task_times:
         typer.echo(
             f"{task.name:<{width}} {'yes' if task.fast else '':>4} {task.least_us:>7} {task.mean_us:>7} "
             f"{task.most_us:>7} {task.overruns:>8} {task.share_percent:>6.2f}%"
         )
-    if not tasks_counted(found):
-        typer.echo("no time was measured: the clock of a simulator stands still while a task runs", err=True)
+    if not counted:
+        typer.echo("no time was measured, because the clock of a simulator stops while a task runs", err=True)
 
 
 def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:

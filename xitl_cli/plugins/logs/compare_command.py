@@ -40,16 +40,18 @@ def compare(
     b: Annotated[Path, typer.Argument(metavar="B", help="The log to compare with it; may be the same file.")],
     align: Annotated[
         AlignMethod,
-        typer.Option(help="Move B's path onto A's: by the first poses, or by least squares, with scale or not."),
+        typer.Option(
+            help="Align B's path with A's: by the first poses (origin) or by least squares (se3, with scale sim3)."
+        ),
     ] = AlignMethod.NONE,
     start: Annotated[
-        StartMethod, typer.Option(help="How B's time is aligned with A's: by clocks, or by what happened in both.")
+        StartMethod, typer.Option(help="Align B's time with A's by clocks, or by an event in both.")
     ] = StartMethod.AUTO,
     shift: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="B begins this much later than A; replaces --start.")
     ] = None,
     of_a: Annotated[
-        PathKind, typer.Option("--of-a", help="A's path: as the autopilot estimated it, or as simulated.")
+        PathKind, typer.Option("--of-a", help="A's path: the autopilot's estimate, or the simulated truth.")
     ] = (PathKind.ESTIMATE),
     of_b: Annotated[PathKind, typer.Option("--of-b", help="B's path, likewise.")] = PathKind.ESTIMATE,
     from_time: Annotated[
@@ -62,14 +64,14 @@ def compare(
     armed: Annotated[bool, typer.Option("--armed", help="Compare only while both were armed.")] = False,
     vessel: Vessel = None,
     vessel_b: Annotated[
-        str | None, typer.Option("--vessel-b", metavar="NAME", help="Another one of B, which may be the same file.")
+        str | None, typer.Option("--vessel-b", metavar="NAME", help="Vessel of B, if it is another one.")
     ] = None,
     report: Annotated[
         Path | None, typer.Option("--report", metavar="FILE", help="Write the plots and tables as one HTML page.")
     ] = None,
     tum: Annotated[
         Path | None,
-        typer.Option("--tum", metavar="DIRECTORY", help="Write both paths as compared, for evo: a.tum and b.tum."),
+        typer.Option("--tum", metavar="DIRECTORY", help="Write both compared paths for evo: a.tum and b.tum."),
     ] = None,
     open_page: OpenPage = False,
     as_json: Json = False,
@@ -89,7 +91,7 @@ def compare(
     with open_log(a, vessel or "") as log_a, open_log(b, vessel_b or vessel or "") as log_b:
         if vessel is None:
             tell_vessels(*((log.path, log.vessel, log.vessels) for log in ([log_a] if a == b else [log_a, log_b])))
-        found = compare_logs(
+        comparison = compare_logs(
             log_a,
             log_b,
             align=align.value,
@@ -102,50 +104,50 @@ def compare(
             armed=armed,
             analyses=log_analyses(OVERLAID),
         )
-        page = _page(log_a, log_b, found) if report is not None else None
+        page = _page(log_a, log_b, comparison) if report is not None else None
         tell_damage(*([log_a] if a == b else [log_a, log_b]))
     if tum is not None:
-        _write_tum(tum, found)
+        _write_tum(tum, comparison)
     if page is not None and report is not None:
         html.write_page(page, report)
     with quiet_pipe():
         if as_json:
-            print(json.dumps(_document(a, b, found), indent=2, allow_nan=False))
+            print(json.dumps(_document(a, b, comparison), indent=2, allow_nan=False))
         else:
-            _show(a, b, found, report)
+            _show(a, b, comparison, report)
     if open_page and report is not None:
         open_in_browser(report)
 
 
-def _document(a: Path, b: Path, found: Comparison) -> dict[str, Any]:
+def _document(a: Path, b: Path, comparison: Comparison) -> dict[str, Any]:
     from xitl_cli.logs.clocks.time_line import TimeLine
     from xitl_cli.logs.report.json import section_document
 
-    line = TimeLine(found.zero_ns)
+    line = TimeLine(comparison.zero_ns)
     return {
         "a": str(a),
         "b": str(b),
         "time": {
-            "method": found.pairing.method,
-            "sentence": found.pairing.sentence,
-            "error_s": found.pairing.error_s,
-            "zero_ns": found.zero_ns,
+            "method": comparison.pairing.method,
+            "sentence": comparison.pairing.sentence,
+            "error_s": comparison.pairing.error_s,
+            "zero_ns": comparison.zero_ns,
         },
-        "sections": {section.key: section_document(section, line) for section in found.sections},
+        "sections": {section.key: section_document(section, line) for section in comparison.sections},
     }
 
 
-def _page(a: Log, b: Log, found: Comparison) -> Page:
+def _page(a: Log, b: Log, comparison: Comparison) -> Page:
     from xitl_cli.logs.clocks.time_line import TimeLine
     from xitl_cli.logs.report.build import short_names
     from xitl_cli.logs.report.page import Page, PageMark, PagePart
 
-    line = TimeLine(found.zero_ns)
+    line = TimeLine(comparison.zero_ns)
     names = [a.path.name] * 2 if a.path == b.path else short_names([a.path, b.path])
     return Page(
         " and ".join(names),
-        f"{found.pairing.sentence}; {found.zero_sentence}",
-        tuple(PagePart(section, line) for section in found.sections),
+        f"{comparison.pairing.sentence}; {comparison.zero_sentence}",
+        tuple(PagePart(section, line) for section in comparison.sections),
         (_card("A", a), _card("B", b)),
         marks=tuple(
             PageMark(
@@ -154,7 +156,7 @@ def _page(a: Log, b: Log, found: Comparison) -> Page:
                 line.second(state.until_ns),
                 f"A: {state.text}",
             )
-            for state in found.states
+            for state in comparison.states
         ),
     )
 
@@ -170,33 +172,37 @@ def _card(name: str, log: Log) -> FileCard:
     return FileCard(name, tuple(facts), damage_sentences(log.health))
 
 
-def _show(a: Path, b: Path, found: Comparison, report: Path | None) -> None:
+def _show(a: Path, b: Path, comparison: Comparison, report: Path | None) -> None:
     from xitl_cli.commands.terminal import show_facts, terminal
     from xitl_cli.logs.model.sections import Severity, by_severity
     from xitl_cli.logs.report.terminal import show_section
 
     console = terminal()
-    show_facts(console, [("A", str(a)), ("B", str(b)), ("time", found.pairing.sentence), ("", found.zero_sentence)])
-    findings = by_severity(found.sections)
+    show_facts(
+        console, [("A", str(a)), ("B", str(b)), ("time", comparison.pairing.sentence), ("", comparison.zero_sentence)]
+    )
+    findings = by_severity(comparison.sections)
     if findings:
         console.print()
-        words = ["" if each.severity == Severity.OK else each.severity.name for each in findings]
-        sentences = [f"{each.sentence} {each.next_step}".rstrip() for each in findings]
+        words = ["" if finding.severity == Severity.OK else finding.severity.name for finding in findings]
+        sentences = [f"{finding.sentence} {finding.next_step}".rstrip() for finding in findings]
         show_facts(console, list(zip(words, sentences, strict=True)))
-    for section in found.sections:
+    for section in comparison.sections:
         show_section(console, section)
     if report is not None:
         typer.echo(f"\n{printable(str(report))}")
 
 
-def _write_tum(directory: Path, found: Comparison) -> None:
+def _write_tum(directory: Path, comparison: Comparison) -> None:
     from xitl_cli.logs.compare.trajectories import tum_text
 
-    if found.trajectories is None:
-        raise UserError("no trajectories to write: not both logs hold positions; leave --tum out")
+    if comparison.trajectories is None:
+        raise UserError("no trajectories to write, because a log has no positions; omit --tum")
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for name, trajectory in zip(("a.tum", "b.tum"), found.trajectories, strict=True):
+        for name, trajectory in zip(("a.tum", "b.tum"), comparison.trajectories, strict=True):
             (directory / name).write_text(tum_text(trajectory), encoding="ascii")
     except OSError as error:
-        raise UserError(f"{directory}: cannot be written ({error.strerror}); choose another --tum") from error
+        raise UserError(
+            f"{directory}: cannot be written ({error.strerror}); choose another directory for --tum"
+        ) from error

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.query import TIME, Condition, merge_rows, rows_at_once
+from xitl_cli.logs.model.named_signals import TIME
+from xitl_cli.logs.model.query import Condition, merge_rows, rows_at_once
 from xitl_cli.logs.model.table import Table, column_named, json_cells, text_cells
 
 _LINES = 2048
@@ -45,17 +46,17 @@ def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
     if not asked.fields:
         columns = [list(table.columns) for table in tables]
     else:
-        found: list[list[str]] = [[] for _ in tables]
+        selected: list[list[str]] = [[] for _ in tables]
         for name in asked.fields:
             refusals = []
-            for table, names in zip(tables, found, strict=True):
+            for table, names in zip(tables, selected, strict=True):
                 try:
                     names.append(column_named(table, name))
                 except LogError as error:
                     refusals.append(error)
             if len(refusals) == len(tables):
                 raise refusals[0]
-        columns = [list(dict.fromkeys(names)) for names in found]
+        columns = [list(dict.fromkeys(names)) for names in selected]
     left = asked.limit
     layout: _Layout | None = None
     for batch in merge_rows(tables, *asked.span_ns, asked.condition, zero, at_once, raw=asked.raw):
@@ -64,7 +65,12 @@ def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
         shown = batch.first(left)
         left = None if left is None else left - len(shown.order)
         stretches = [
-            _stretch(table, names, rows, zero, asked.raw)
+            _Stretch(
+                table,
+                names,
+                table.stamp_ns[rows] - zero,
+                [table.values(name, rows, raw=asked.raw) for name in names],
+            )
             for table, names, rows in zip(tables, columns, shown.rows, strict=True)
         ]
         if layout is None:
@@ -92,11 +98,6 @@ class _Stretch:
     @property
     def times(self) -> list[str]:
         return [f"{since_ns * 1e-9:.6f}" for since_ns in self.since_ns.tolist()]
-
-
-def _stretch(table: Table, names: Sequence[str], rows: NDArray[np.intp], zero_ns: int, raw: bool) -> _Stretch:
-    values = [table.values(name, rows, raw=raw) for name in names]
-    return _Stretch(table, names, table.stamp_ns[rows] - zero_ns, values)
 
 
 def _lines(layout: _Layout, stretch: _Stretch) -> Iterator[str]:

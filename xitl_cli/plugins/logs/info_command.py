@@ -16,35 +16,35 @@ _TIME = {
     "boot": "since the autopilot started",
     "simulation": "since the run began",
     "utc": "since the first row; stamps are UTC",
-    "unknown": "since the first row; what the stamps count from is not known",
+    "unknown": "since the first row; the zero of the stamps is unknown",
 }
 
 
 def summary_lines(summary: Summary, *, every_field: bool = False) -> Iterator[str]:
-    told: list[tuple[str, str]] = []
+    lines: list[tuple[str, str]] = []
     health = summary.health
-    told.append(
+    lines.append(
         ("format", f"{FORMAT_NAMES[summary.format]}, {_size(health.size_bytes)}, {plural(health.records, 'record')}")
     )
     if summary.span_s is None:
-        told.append(("time", "no row has a time stamp"))
+        lines.append(("time", "no row has a time stamp"))
     else:
         begin, end = summary.span_s
-        told.append(("time", f"{begin:.3f} to {end:.3f} s ({duration_text(end - begin)}) {_TIME[summary.base]}"))
+        lines.append(("time", f"{begin:.3f} to {end:.3f} s ({duration_text(end - begin)}) {_TIME[summary.base]}"))
     if summary.start_utc is not None:
-        told.append(("start", f"{summary.start_utc} UTC"))
+        lines.append(("start", f"{summary.start_utc} UTC"))
     if vehicle := _vehicle(summary):
-        told.append(("vehicle", vehicle))
-    told.extend(summary.facts.items())
-    told.append(("health", "; ".join(["degraded" if health.degraded else "whole", *damage_sentences(health)])))
+        lines.append(("vehicle", vehicle))
+    lines.extend(summary.facts.items())
+    lines.append(("health", "; ".join(["degraded" if health.degraded else "whole", *damage_sentences(health)])))
     if health.degraded:
-        for each in health.damage[:_PLACES]:
-            told.append(("", f"at byte {each.place}: {each.why}, {plural(each.lost, 'byte')} lost"))
+        for damage in health.damage[:_PLACES]:
+            lines.append(("", f"at byte {damage.place}: {damage.why}, {plural(damage.lost, 'byte')} lost"))
         if health.damaged > _PLACES:
-            told.append(("", f"and {health.damaged - _PLACES} more places; --json lists the first 1000"))
-    width = max(len(label) for label, _ in told) + 2
+            lines.append(("", f"and {health.damaged - _PLACES} more places; --json lists the first 1000"))
+    width = max(len(label) for label, _ in lines) + 2
     yield printable(str(summary.path))
-    for label, text in told:
+    for label, text in lines:
         yield from textwrap.wrap(
             printable(" ".join(text.split())) or "-",
             _WIDTH,
@@ -71,7 +71,7 @@ def _vehicle(summary: Summary) -> str:
 
 def _messages(messages: tuple[MessageSummary, ...], every_field: bool) -> Iterator[str]:
     if not messages:
-        yield "no message can be read"
+        yield "no readable message"
         return
     name_width = max(len("message"), *(len(message.name) for message in messages))
     head = f"{'message':<{name_width}} {'rows':>8} {'Hz':>8} {'inst':>4}  fields"
@@ -89,16 +89,16 @@ def _messages(messages: tuple[MessageSummary, ...], every_field: bool) -> Iterat
         names = [_field(column, every_field) for column in columns if not column.name.startswith("_")]
         if every_field:
             yield front.rstrip()
-            told = ", ".join(name.replace(" ", "\0") for name in names)  # a unit stays with its field
+            fields = ", ".join(name.replace(" ", "\0") for name in names)  # a unit stays with its field
             indent = " " * 4
             wrapped = textwrap.wrap(
-                told, _WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False
+                fields, _WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False
             )
             yield from (line.replace("\0", " ") for line in wrapped)
         else:
             yield (front + (_fitting(names, max(_WIDTH - begin, 16)) if names else "")).rstrip()
     if any(message.columns is None for message in messages):
-        yield "fields are not read of a file so large; --fields reads it all"
+        yield "fields are not read from a file of this size; --fields reads all of it"
 
 
 def _field(column: Column, with_unit: bool) -> str:

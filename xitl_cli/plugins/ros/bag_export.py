@@ -1,5 +1,7 @@
-"""A log as a bag. Recordings of xitl use the table of outputs. Bags of other programs stay unchanged. Logs of
-autopilots become motion and sensor messages, and messages for each row.
+"""Export of a log as a bag: rosbag2 in MCAP or SQLite, or a bag of ROS 1, written by rosbags.
+
+Recordings of xitl use the table of outputs. Messages of other bags stay unchanged. Logs of autopilots become motion and
+sensor messages, and a message for each row.
 """
 
 from __future__ import annotations
@@ -34,7 +36,11 @@ from xitl_cli.profile.files.catalogue import PROFILE
 from xitl_cli.profile.load import recorded_profiles
 
 OWN_PACKAGE = "xitl_export"
-_BAGS = ("rosbag1", "rosbag2")
+ROS1_SUFFIX = ".bag"
+_METADATA = "metadata.yaml"
+_VERSION: Literal[8, 9] = 9
+_DEPTH = 10
+_CALLER = "/xitl"
 
 
 class BagMessage(NamedTuple):
@@ -63,86 +69,82 @@ def export_bag(
     damaged recording.
     """
     if log.vessel and log.base != "simulation":
-        raise UserError(f"{log.path}: is a bag, whose topics keep their names; name those of {log.vessel} in full")
+        raise UserError(f"{log.path}: a bag keeps its topic names; name the topics of {log.vessel} in full")
     final = bag_path(log.path, bag_format, out)
     if final.exists() and log.path.exists() and final.samefile(log.path):
         raise UserError(f"{final}: is the log itself; choose another place with --out")
     with bag_in_place(final, overwrite) as part:
-        if _is_bag(log):
-            counts, said = _converted(log, wanted, names, bag_format, part)
-        else:
-            counts, said = _written(log, wanted, names, bag_format, part)
-    what = f"{plural(counts[0], 'message')} of {plural(counts[1], 'topic')}"
-    return ExportResult((str(final),), counts[0], f"{final}: {what}; {said}")
+        of_ros = log.format in ("rosbag1", "rosbag2") or log.facts.get("mcap_profile") == "ros2"
+        export = _convert_bag if of_ros and log.base != "simulation" else _write_messages
+        (messages, topics), about = export(log, wanted, names, bag_format, part)
+    return ExportResult(
+        (str(final),), messages, f"{final}: {plural(messages, 'message')} of {plural(topics, 'topic')}; {about}"
+    )
 
 
-def _is_bag(log: Log) -> bool:
-    """Return True for a bag of another program: all its messages are ROS messages already."""
-    return log.base != "simulation" and (log.format in _BAGS or log.facts.get("mcap_profile") == "ros2")
-
-
-def _converted(
+def _convert_bag(
     log: Log, wanted: ExportSelection, names: Sequence[str], bag_format: BagFormat, part: Path
 ) -> tuple[tuple[int, int], str]:
-    """Convert by rosbags' converter; messages are unchanged."""
+    """Convert a bag of another program with rosbags' converter. Return counts and a clause about the result."""
     from rosbags.convert.converter import ConverterError, convert
     from rosbags.highlevel import AnyReader
 
     if (wanted.from_ns, wanted.until_ns) != (None, None):
-        raise UserError(f"{log.path}: is a bag and is converted whole; leave out --from and --until")
+        raise UserError(f"{log.path}: a bag is converted completely; omit --from and --until")
     storage = "sqlite3" if bag_format == "rosbag2-sqlite3" else "mcap"
     topics = [table.name for table in wanted.tables] if names else []
     known, ros1 = MessageTypes(), bag_format == "rosbag1"
     types = None if ros1 == (log.format == "rosbag1") else known.ros1 if ros1 else known.ros2
-    made = part.with_suffix(ROS1_SUFFIX if ros1 else "")  # the converter selects the format by the extension
+    converted = part.with_suffix(ROS1_SUFFIX if ros1 else "")  # the converter selects the format by the extension
     try:
         with redirect_stdout(io.StringIO()):
-            convert([log.path], made, storage, 9, None, "none", known.ros2, types, [], topics, [], [])
-        with AnyReader([made]) as reader:
+            convert([log.path], converted, storage, 9, None, "none", known.ros2, types, [], topics, [], [])
+        with AnyReader([converted]) as reader:
             counts = reader.message_count, len(reader.topics)
     except ConverterError as error:
-        raise UserError(f"{log.path}: rosbags cannot convert it ({error}); --format mcap does without") from error
-    if made != part:
-        made.rename(part)
-    return counts, "messages as they were"
+        raise UserError(f"{log.path}: rosbags cannot convert it ({error}); use --format mcap") from error
+    if converted != part:
+        converted.rename(part)
+    return counts, "messages unchanged"
 
 
-def _written(
+def _write_messages(
     log: Log, wanted: ExportSelection, names: Sequence[str], bag_format: BagFormat, part: Path
 ) -> tuple[tuple[int, int], str]:
+    """Write the messages of a log. Return counts and a clause about the result."""
     profiles = recorded_profiles(log.attachment(PROFILE)) if log.base == "simulation" else ()
     if profiles:
-        conversion = RosConversion([one for one in profiles if not log.vessel or one.vessel == log.vessel])
+        conversion = RosConversion([profile for profile in profiles if log.vessel in ("", profile.vessel)])
         others = tuple(f"/{name}/" for name in log.vessels if log.vessel and name != log.vessel)
-        types, messages = known_types(), _of_recording(log.path, conversion, wanted, others)
-        said = "times count from the run's start, as its /clock"
+        types, messages = known_types(), _recording_messages(log.path, conversion, wanted, others)
+        about = "times count from the run's start, as in its /clock"
     else:
         rows = LogRows(log, wanted)
         types, messages = rows.types, rows.messages()
-        said = rows.times
+        about = rows.times
     chosen = {name.strip("/") for name in names}
     left = {name.strip("/"): name for name in names}
     with BagWriter(part, bag_format, types) as bag:
         for message in messages:
             if names:
-                found = chosen & {message.topic.strip("/"), message.recorded.strip("/")}
-                if not found:
+                matching = chosen & {message.topic.strip("/"), message.recorded.strip("/")}
+                if not matching:
                     continue
-                for name in found:
+                for name in matching:
                     left.pop(name, None)
             bag.write(*message[:5])
         if not bag.messages:
-            what = ", ".join(names) or "ROS"
-            raise UserError(f"{log.path}: has nothing of {what} in this time; leave the names out for all there is")
+            wanted_names = ", ".join(names) or "ROS"
+            raise UserError(f"{log.path}: no messages of {wanted_names} in this time; omit the names to export all")
     if bag.unfit:
         unfit = ", ".join(f"{count} of {topic}" for topic, count in bag.unfit.items())
-        said += f"; left out as they do not fit their definition: {unfit}"
+        about += f"; omitted because they do not match their definition: {unfit}"
     if left:
-        said += f"; nothing of {', '.join(left.values())}"
-    return (bag.messages, bag.topics), said
+        about += f"; no messages of {', '.join(left.values())}"
+    return (bag.messages, bag.topics), about
 
 
-def _of_recording(
+def _recording_messages(
     path: Path, conversion: RosConversion, wanted: ExportSelection, others: tuple[str, ...]
 ) -> Iterator[BagMessage]:
     """Yield messages. Latched messages are at the beginning, also of a later time span. others: prefixes of excluded
@@ -168,11 +170,11 @@ def _of_recording(
             yield BagMessage(topic, type_name, payload, stamp_ns, recorded=topic)
         for message in conversion.convert(topic, payload, stamp_ns):
             name, qos = message.topic.full_name(message.vessel), message.topic.qos
-            made = BagMessage(name, message.topic.type, message.cdr, stamp_ns, qos, topic)
+            converted = BagMessage(name, message.topic.type, message.cdr, stamp_ns, qos, topic)
             if not before:
-                yield made
+                yield converted
             elif qos == "latched":
-                latched[message.topic.name, message.vessel] = made
+                latched[message.topic.name, message.vessel] = converted
 
 
 def recorded_messages(path: Path) -> Iterator[tuple[str, str, bytes, int]]:
@@ -187,7 +189,7 @@ def recorded_messages(path: Path) -> Iterator[tuple[str, str, bytes, int]]:
                 type_name = schema.name if of_ros and schema is not None else ""
                 yield channel.topic, type_name, message.data, message.log_time
     except McapError as error:
-        raise UserError(f"{path}: is damaged ({error}); `xitl logs repair {path}` writes what can be read") from error
+        raise UserError(f"{path}: is damaged ({error}); `xitl logs repair {path}` writes its readable part") from error
 
 
 class LogRows:
@@ -209,15 +211,15 @@ class LogRows:
         further = {kind: rows.definition for _, kind, rows in self._tables.values()}
         self.types = MessageTypes(further | dict(self._unchanged.values()))
         self._utc = utc_offset(log)
-        self.times = "the log tells no UTC" if self._utc is None else f"its times are UTC {self._utc.source}"
+        self.times = "the log has no UTC" if self._utc is None else f"its times are UTC {self._utc.source}"
 
     def messages(self) -> Iterator[BagMessage]:
         """Yield messages in the order of time, if the rows of the log are in order."""
         shift_ns = 0 if self._utc is None else self._utc.offset_ns
-        told = (self._of_ros(messages, shift_ns) for messages in log_messages(self._log, shift_ns))
-        return heapq.merge(*told, self._messages_of_ros(), self._rows(), key=lambda message: message.stamp_ns)
+        motion = (self._serialized(messages, shift_ns) for messages in log_messages(self._log, shift_ns))
+        return heapq.merge(*motion, self._unchanged_messages(), self._rows(), key=lambda message: message.stamp_ns)
 
-    def _messages_of_ros(self) -> Iterator[BagMessage]:
+    def _unchanged_messages(self) -> Iterator[BagMessage]:
         """Yield the ROS messages of the log."""
         wanted = {table.name for table in self._wanted.tables} & self._unchanged.keys()
         for topic, _, payload, stamp_ns in recorded_messages(self._log.path) if wanted else ():
@@ -229,7 +231,7 @@ class LogRows:
         first_ns, last_ns = self._wanted.from_ns, self._wanted.until_ns
         return (first_ns is None or stamp_ns >= first_ns) and (last_ns is None or stamp_ns <= last_ns)
 
-    def _of_ros(self, messages: Iterator[LogMessage], shift_ns: int) -> Iterator[BagMessage]:
+    def _serialized(self, messages: Iterator[LogMessage], shift_ns: int) -> Iterator[BagMessage]:
         for topic, message, stamp_ns in messages:
             if self._inside(stamp_ns - shift_ns):
                 cdr = self.types.serialize(message)
@@ -237,17 +239,17 @@ class LogRows:
 
     def _rows(self) -> Iterator[BagMessage]:
         tables = [table for table in self._wanted.tables if table.name in self._tables]
-        of = [self._tables[table.name] for table in tables]
+        outputs = [self._tables[table.name] for table in tables]
         if not tables:
             return
         span, raw = (self._wanted.from_ns, self._wanted.until_ns), self._wanted.raw
         for batch in merge_rows(tables, *span, None, 0, rows_at_once(self._log, tables), raw=raw):
             waiting: list[Any] = []
-            for table, (_, _, rows), own in zip(tables, of, batch.rows, strict=True):
+            for table, (_, _, rows), own in zip(tables, outputs, batch.rows, strict=True):
                 stamps = np.clip(in_utc(table.stamp_ns[own], self._utc), 0, None).tolist()
                 waiting.append(zip(stamps, rows.payloads(own), strict=True))
             for owner in batch.order.tolist():
-                topic, kind, _ = of[owner]
+                topic, kind, _ = outputs[owner]
                 for stamp_ns, payload in islice(waiting[owner], 1):
                     yield BagMessage(topic, kind, payload, stamp_ns, recorded=tables[owner].name)
 
@@ -259,7 +261,7 @@ def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
     from rosbags.typesys import TypesysError, get_types_from_msg
     from rosbags.typesys.msg import normalize_msgtype
 
-    found: dict[str, tuple[str, str]] = {}
+    topics: dict[str, tuple[str, str]] = {}
     store = MessageTypes().ros2
     try:
         with path.open("rb") as file:
@@ -276,8 +278,8 @@ def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
             store.generate_msgdef(name, ros_version=2)  # which finds missing parts of the definition
         except (TypesysError, LookupError, TypeError, ValueError):
             continue
-        found[channel.topic] = name, text
-    return found
+        topics[channel.topic] = name, text
+    return topics
 
 
 def topic_token(name: str) -> str:
@@ -286,23 +288,14 @@ def topic_token(name: str) -> str:
     return "/" + "/".join(part if part[:1].isalpha() else f"m{part}" for part in parts if part)
 
 
-ROS1_SUFFIX = ".bag"
-_METADATA = "metadata.yaml"
-_VERSION: Literal[8, 9] = 9
-_DEPTH = 10
-_CALLER = "/xitl"
-
-
 class BagWriter:
-    """Writes one bag; use it in a `with`. `path` must not exist yet: a rosbag2 directory, a ROS 1 file.
-
-    messages: number of written messages. topics: number of their topics. unfit: unwritten messages by topic, because
-    they do not match their definition.
-    """
+    """Writes one bag; use it in a `with`. `path` must not exist yet: a rosbag2 directory, a ROS 1 file."""
 
     def __init__(self, path: Path, bag_format: BagFormat, types: MessageTypes) -> None:
         self.messages = 0
+        """Number of written messages."""
         self.unfit: Counter[str] = Counter()
+        """Omitted messages by topic: they do not match their definition."""
         self._types = types
         self._topics: dict[str, Any] = {}
         self._ros1 = bag_format == "rosbag1"
@@ -326,7 +319,12 @@ class BagWriter:
         """Write one message, by its full name. A topic has the type and QoS of its first message."""
         connection = self._topics.get(topic)
         if connection is None:
-            connection = self._topics[topic] = self._connection(topic, type_name, qos)
+            options = (
+                {"typestore": self._types.ros1, "callerid": _CALLER, "latching": int(qos == "latched")}
+                if self._ros1
+                else {"typestore": self._types.ros2, "offered_qos_profiles": [_offered(qos)]}
+            )
+            connection = self._topics[topic] = self._writer.add_connection(topic, type_name, **options)
         try:
             payload = self._types.to_ros1(cdr, type_name) if self._ros1 else cdr
         except SerdeError:
@@ -334,16 +332,6 @@ class BagWriter:
             return
         self._writer.write(connection, max(stamp_ns, 0), payload)
         self.messages += 1
-
-    def _connection(self, topic: str, type_name: str, qos: QosKind) -> Any:
-        if self._ros1:
-            latching = 1 if qos == "latched" else 0
-            return self._writer.add_connection(
-                topic, type_name, typestore=self._types.ros1, callerid=_CALLER, latching=latching
-            )
-        return self._writer.add_connection(
-            topic, type_name, typestore=self._types.ros2, offered_qos_profiles=[_offered(qos)]
-        )
 
     def __enter__(self) -> Self:
         self._writer.__enter__()
@@ -398,28 +386,23 @@ def bag_in_place(final: Path, overwrite: bool) -> Iterator[Path]:
     place.
     """
     if final.is_dir() and any(final.iterdir()) and not is_rosbag2(final):
-        raise UserError(f"{final}: is a directory and no bag; name another place with --out")
+        raise UserError(f"{final}: is a directory but not a bag; choose another place with --out")
     if (final.is_file() or is_rosbag2(final)) and not overwrite:
-        raise UserError(f"{final}: is there already; choose another place with --out, or add --overwrite")
+        raise UserError(f"{final}: already exists; choose another place with --out, or add --overwrite")
     if final.exists() and not final.is_file() and not final.is_dir():
-        raise UserError(f"{final}: is no regular file; choose another place with --out")
+        raise UserError(f"{final}: is not a regular file; choose another place with --out")
     room = final.with_name(f".{final.name[:200]}.{os.getpid()}.part")
     part = room / final.name  # a ROS 2 bag contains a file with the name of the bag
     try:
         room.mkdir(parents=True)
         yield part
-        if final.exists():
-            _remove(final)
+        if final.is_dir():
+            shutil.rmtree(final)
+        elif final.exists():
+            final.unlink()
         part.rename(final)
     except OSError as error:
         why = error.strerror or error
         raise UserError(f"{final}: cannot be written ({why}); free space or choose another place with --out") from error
     finally:
         shutil.rmtree(room, ignore_errors=True)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)

@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy import float64
 from numpy.typing import NDArray
 
 from agent.mavlink.modes import mode_name
@@ -22,6 +21,7 @@ from agent.wire import codec, dialect
 from agent.wire.framing import MAGIC
 from sim_core.frames import ned_to_enu
 from sim_core.geodesy import LocalFrame
+from sim_core.sensors.spec import LidarSpec
 from xitl_cli.plugins.ros import instruments, msg
 from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.plugins.ros.diagnostics import Diagnostics
@@ -63,6 +63,7 @@ RATE_DEVIATION_RADPS = 0.01
 _STAMP = struct.Struct("<iI")
 _HEADER_BYTES = 4
 _LEAST_FRAME = 12
+Array = NDArray[np.float64]
 
 
 class RosMessage(NamedTuple):
@@ -143,8 +144,8 @@ class RosConversion:
 class VesselConversion:
     """Conversion for one vessel.
 
-    handlers: by recorded topic without the vessel's name. named: display names of topics. first: True if it produces
-    the messages common to all vessels, except transforms.
+    named: topics by their names in OUTPUTS. first: True if it produces the messages common to all vessels, except
+    transforms.
     """
 
     def __init__(self, profile: RunProfile, named: Mapping[str, RosTopic], first: bool) -> None:
@@ -163,8 +164,6 @@ class VesselConversion:
             frames.insert(0, FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0)))
         self.fixed_frames = tuple(named_frame(frame, self.name) for frame in frames)
         self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
-        sensors = profile.sensors
-        self._instruments = None if sensors is None else instruments.Instruments(sensors, self._framed)
         self._attitude = AttitudeCarry()
         self._diagnostics = Diagnostics()
         self._estimate_ns = -1
@@ -172,8 +171,6 @@ class VesselConversion:
         self._mode: str | None = None
         self._armed: bool | None = None
         self._mission: UploadedMission = UploadedMission()
-        places = {frame.name: instruments.CloudFrame(frame) for frame in sensor_frames(profile)}
-        self._lidar, self._sonar = places.get(LIDAR_FRAME), places.get(SONAR_FRAME)
         handlers: dict[str, Callable[[bytes, int], Iterable[RosMessage]]] = {
             TRUTH: self._truth,
             TRUE_FIX: self._true_fix,
@@ -185,31 +182,28 @@ class VesselConversion:
             TRUE_STATE: self._state,
             **{topic: partial(self._diagnose, topic) for topic in DIAGNOSED},
         }
-        if self._instruments is not None:
-            handlers[SENSORS_LINK] = self._sensor_frame
-        if self._lidar is not None:
-            handlers["/lidar/points"] = self._lidar_cloud
-        if self._sonar is not None:
-            handlers["/sonar/points"] = self._sonar_cloud
-            handlers["/sonar/ping"] = self._ping
+        sensors, self._instruments = profile.sensors, None
+        if sensors is not None:
+            frame_of = {frame.name: instruments.CloudFrame(frame) for frame in sensor_frames(profile)}
+            self._instruments = instruments.Instruments(sensors, self._framed)
+            handlers[SENSORS_LINK] = partial(self._sensor_frame, self._instruments)
+            if sensors.lidar is not None:
+                handlers["/lidar/points"] = partial(self._lidar_cloud, sensors.lidar, frame_of[LIDAR_FRAME])
+            if sensors.sonar is not None:
+                handlers["/sonar/points"] = partial(self._sonar_cloud, frame_of[SONAR_FRAME])
+                handlers["/sonar/ping"] = partial(self._ping, math.radians(sensors.sonar.heading_deg))
         self._users: dict[str, list[UserTopic]] = {}
         for user in user_topics(profile.ros):
             self._users.setdefault(user.of, []).append(user)
         for topic, users in self._users.items():
             handlers[topic] = partial(self._with_users, handlers.get(topic), users)
         self.handlers = handlers
+        """By recorded topic without the vessel's name."""
 
     def topics(self) -> Iterator[RosTopic]:
         """Yield its topics."""
-        names = [
-            "mission",
-            "robot_description",
-            "ground_truth/odom",
-            "ground_truth/fix",
-            "wind",
-            "current",
-            "diagnostics",
-        ]
+        names = ["mission", "robot_description", "ground_truth/odom", "ground_truth/fix"]
+        names += ["wind", "current", "diagnostics"]
         if self._first:
             names += ["/clock", "/tf"]
         if self._estimated:
@@ -220,9 +214,10 @@ class VesselConversion:
             names += ["joint_states"]
         if self._instruments is not None:
             names += self._instruments.topics
-        if self._lidar is not None:
+        sensors = self._profile.sensors
+        if sensors is not None and sensors.lidar is not None:
             names += ["points", "scan"]
-        if self._sonar is not None:
+        if sensors is not None and sensors.sonar is not None:
             names += ["sonar/points", "sonar/echo"]
         yield from (self._named[name] for name in names)
         yield from (self._named["thrusters/{thruster}/state"].of(thruster.name) for thruster in self._thrusters)
@@ -351,17 +346,13 @@ class VesselConversion:
         for sentence in deserialize(payload, TOPICS["/ais"].schema).sentences.splitlines():
             yield self._message("ais/nmea", msg.String(data=sentence), stamp_ns)
 
-    def _lidar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        assert self._lidar is not None
-        assert self._profile.sensors is not None
-        lidar = self._profile.sensors.lidar
-        assert lidar is not None
+    def _lidar_cloud(
+        self, lidar: LidarSpec, frame: instruments.CloudFrame, payload: bytes, stamp_ns: int
+    ) -> Iterable[RosMessage]:
         base_m, packed = instruments.recorded_points(cloud_data(payload), timed=True)
-        points_m = self._lidar.points(base_m)
         header = msg.header(stamp_ns, self._framed(LIDAR_FRAME))
-        yield self._message(
-            "points", instruments.point_cloud(header, points_m, packed["intensity"], packed["t"]), stamp_ns
-        )
+        cloud = instruments.point_cloud(header, frame.points(base_m), packed["intensity"], packed["t"])
+        yield self._message("points", cloud, stamp_ns)
         header = msg.header(stamp_ns, self._framed(VESSEL_FRAME))
         scan = instruments.scan_of_cloud(
             header,
@@ -372,30 +363,25 @@ class VesselConversion:
         )
         yield self._message("scan", scan, stamp_ns)
 
-    def _sonar_cloud(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        assert self._sonar is not None
+    def _sonar_cloud(self, frame: instruments.CloudFrame, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         base_m, packed = instruments.recorded_points(cloud_data(payload), timed=False)
         header = msg.header(stamp_ns, self._framed(SONAR_FRAME))
-        cloud = instruments.point_cloud(header, self._sonar.points(base_m), packed["intensity"])
+        cloud = instruments.point_cloud(header, frame.points(base_m), packed["intensity"])
         yield self._message("sonar/points", cloud, stamp_ns)
 
-    def _ping(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        assert self._profile.sensors is not None
-        sonar = self._profile.sensors.sonar
-        assert sonar is not None
+    def _ping(self, heading_rad: float, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         ping = deserialize(payload, TOPICS["/sonar/ping"].schema)
         intensity = np.asarray(ping.intensity, dtype=np.uint8)
         sample_m = 0.5 * ping.sound_speed_mps * ping.sample_period_s
-        angle_rad = ping.angle_grad * math.tau / 400.0 - math.radians(sonar.heading_deg)
+        angle_rad = ping.angle_grad * math.tau / 400.0 - heading_rad
         points_m = instruments.echo_points(angle_rad, (np.arange(len(intensity)) + 0.5) * sample_m)
         header = msg.header(stamp_ns, self._framed(SONAR_FRAME))
         yield self._message("sonar/echo", instruments.point_cloud(header, points_m, intensity), stamp_ns)
 
     # Frames of MAVLink
 
-    def _sensor_frame(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
-        assert self._instruments is not None
-        message = read_frame(payload, self._instruments.kinds | UploadedMission.kinds)
+    def _sensor_frame(self, sensors: instruments.Instruments, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        message = read_frame(payload, sensors.kinds | UploadedMission.kinds)
         if message is None:
             return
         kind = message.get_msgId()
@@ -408,7 +394,7 @@ class VesselConversion:
             return
         if kind == dialect.MAVLINK_MSG_ID_XITL_IMU:
             self._attitude.turned(message.time_usec * 1000, message.gyro)
-        for name, part, measured, measured_ns in self._instruments.messages(message, self._attitude):
+        for name, part, measured, measured_ns in sensors.messages(message, self._attitude):
             topic = self._named[name].of(part) if part else self._named[name]
             yield RosMessage(topic, self.name, serialize(measured), measured_ns)
 
@@ -590,18 +576,15 @@ def _transform(frame: FixedFrame, stamp_ns: int) -> Any:
     )
 
 
-Array = NDArray[float64]
-
-
 class ContinuousOdometry:
     """Integrates the velocity of an estimate with jumps of its corrected position.
 
     The position drifts from that of the estimate without bound, and never jumps. The axes of `odom` are those of `map`.
-    origin_map_m: position of `odom` in `map` (3,), ENU; zero at first.
     """
 
     def __init__(self) -> None:
         self.origin_map_m: Array = np.zeros(3)
+        """Position of `odom` in `map` (3,), ENU; zero at first."""
         self._place_odom_m: Array | None = None
         self._velocity_mps: Array = np.zeros(3)
         self._stamp_ns = 0

@@ -50,7 +50,7 @@ from xitl_cli.plugins.ros.discovery import (
     stays_on_machine,
 )
 from xitl_cli.plugins.ros.middleware import (
-    LOOK_S,
+    CHECK_S,
     NODE_NAME,
     MiddlewareLosses,
     QosProfile,
@@ -102,17 +102,16 @@ class CycloneMiddleware:
     def __init__(self, spec: RosSpec, node_name: str = NODE_NAME) -> None:
         self._domain_id = ros_domain(spec)
         self._node = node_name
-        given = os.environ.get(CONFIGURATION_VARIABLE)
+        user_configuration = os.environ.get(CONFIGURATION_VARIABLE)
         self._local = stays_on_machine(spec)
-        parts = [LOCAL_CONFIGURATION] if self._local else []
-        parts += [given] if given else []
+        parts = (LOCAL_CONFIGURATION if self._local else "", user_configuration, CONFIGURATION)
         try:
-            self._domain = Domain(self._domain_id, ",".join([*parts, CONFIGURATION]))
+            self._domain = Domain(self._domain_id, ",".join(filter(None, parts)))
             about = Policy.Userdata(data=b"enclave=/;")
             self._participant = DomainParticipant(self._domain_id, qos=DomainParticipantQos(about))
         except DDSException as error:
-            hint = f"; see {CONFIGURATION_VARIABLE}" if given else ""
-            raise UserError(f"ros: domain {self._domain_id} cannot be entered ({error}){hint}") from error
+            hint = f"; check {CONFIGURATION_VARIABLE}" if user_configuration else ""
+            raise UserError(f"ros: cannot join domain {self._domain_id} ({error}){hint}") from error
         reach = "this machine" if self._local else "subnet"
         self.name = f"cyclonedds {version('cyclonedds')}, domain {self._domain_id}, {reach}"
         self._topics: dict[str, Topic[Any]] = {}
@@ -127,12 +126,12 @@ class CycloneMiddleware:
         self._services: RtpsServices | None = None
         self._answers: dict[str, Callable[[bytes], bytes]] = {}
         self._requests: deque[ServiceRequest] = deque()
-        self._request_come = GuardCondition(self._participant)
-        self._waiting.attach(self._request_come)
+        self._request_arrived = GuardCondition(self._participant)
+        self._waiting.attach(self._request_arrived)
         self._problems = list(unread_variables(spec))
-        self._told: set[tuple[str, int]] = set()
+        self._reported: set[tuple[str, int]] = set()
         self._others = OtherEndpoints(self._participant)
-        self._next_look_s = 0.0
+        self._next_check_s = 0.0
         self._lock = threading.Lock()
         self._graph = self._writer(GRAPH, GRAPH_TYPE, GRAPH_QOS)
         self._graph_reader: DataReader[Any] | None = None
@@ -156,13 +155,13 @@ class CycloneMiddleware:
 
         return publish
 
-    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, handle: Callable[[bytes], None]) -> None:
         """See Middleware."""
         listener = self._mismatch(topic, qos, False)
         named = self._topic(f"rt{topic}", type_name)
         reader = DataReader(self._participant, named, _qos(qos, type_name), listener)
         self._attach(reader)
-        self._readers.append((topic, reader, take))
+        self._readers.append((topic, reader, handle))
         self._graph_changed = True
 
     def _attach(self, reader: DataReader[Any]) -> None:
@@ -177,9 +176,8 @@ class CycloneMiddleware:
                 self._services = RtpsServices(self._domain_id, self._on_request, self._local)
             except OSError as error:
                 if not self._answers:
-                    self._problems.append(
-                        f"ros: there are no services ({error}); the topics of their names do the same"
-                    )
+                    text = f"ros: services are not available ({error}); use the topics of the same names instead"
+                    self._problems.append(text)
                 self._answers[service] = answer
                 return
         self._answers[self._services.serve(service, type_name).name] = answer
@@ -188,7 +186,7 @@ class CycloneMiddleware:
     def _on_request(self, request: ServiceRequest) -> None:
         """Receive a request in the thread of the services."""
         self._requests.append(request)
-        self._request_come.set(True)
+        self._request_arrived.set(True)
 
     def spin(self, timeout_s: float) -> None:
         """See Middleware."""
@@ -196,26 +194,20 @@ class CycloneMiddleware:
             self._graph_changed = False
             ddspy_write(self._graph._ref, self._node_graph())
         if self._waiting.wait(round(timeout_s * 1e9)) > 0:
-            self._request_come.take()
+            self._request_arrived.take()
             self._read_names()
             while self._requests:
                 request = self._requests.popleft()
-                self._senders.check(request.service.name, request.writer, partial(self._answer, request))
-            for topic, reader, take in self._readers:
+                self._senders.check(request.service.name, request.writer, partial(self._respond, request))
+            for topic, reader, handle in self._readers:
                 for payload, about in _taken(reader):
-                    self._pass_on(topic, reader, take, payload, about)
+                    if self._commanders.everyone:
+                        handle(payload)
+                    else:
+                        self._senders.check(topic, _writer_guid(reader, about), partial(handle, payload))
         self._senders.flush()
 
-    def _pass_on(
-        self, topic: str, reader: DataReader[Any], take: Callable[[bytes], None], payload: bytes, about: Any
-    ) -> None:
-        """Pass a message to its handler, if its sender may command."""
-        if self._commanders.everyone:
-            take(payload)
-        else:
-            self._senders.check(topic, _writer_guid(reader, about), partial(take, payload))
-
-    def _answer(self, request: ServiceRequest) -> None:
+    def _respond(self, request: ServiceRequest) -> None:
         assert self._services is not None
         self._services.respond(request, self._answers[request.service.name](request.cdr))
 
@@ -244,8 +236,8 @@ class CycloneMiddleware:
             problems, self._problems = self._problems, []
         problems += self._commanders.problems()
         now_s = time.monotonic()
-        if now_s >= self._next_look_s:
-            self._next_look_s = now_s + LOOK_S
+        if now_s >= self._next_check_s:
+            self._next_check_s = now_s + CHECK_S
             others = self._others.publishers({f"rt{topic}" for topic in self._published})
             if others:
                 problems.append(others_text([name[2:] for name in others], f"in domain {self._domain_id}"))
@@ -276,8 +268,8 @@ class CycloneMiddleware:
         def note(entity: object, status: Any) -> None:
             policy = _POLICIES.get(int(status.last_policy_id), "QoS")
             with self._lock:
-                if (topic, status.last_policy_id) not in self._told:
-                    self._told.add((topic, status.last_policy_id))
+                if (topic, status.last_policy_id) not in self._reported:
+                    self._reported.add((topic, status.last_policy_id))
                     self._problems.append(mismatch_text(topic, policy, qos, offers))
 
         return Listener(on_offered_incompatible_qos=note, on_requested_incompatible_qos=note)
@@ -310,22 +302,22 @@ class OtherEndpoints:
         self._publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
         self._subscriptions = BuiltinDataReader(participant, BuiltinTopicDcpsSubscription)
         self._own = participant.get_guid()
-        self._told: set[str] = set()
-        self._told_types: set[tuple[str, str]] = set()
+        self._reported: set[str] = set()
+        self._reported_types: set[tuple[str, str]] = set()
 
     def publishers(self, topics: Set[str]) -> list[str]:
         """Return the members of `topics` that others publish."""
-        found = {name for name, _ in self._seen(self._publications) if name in topics}
-        new = sorted(found - self._told)
-        self._told |= found
+        shared = {name for name, _ in self._seen(self._publications) if name in topics}
+        new = sorted(shared - self._reported)
+        self._reported |= shared
         return new
 
     def other_types(self, types_of: Mapping[str, str]) -> list[tuple[str, str]]:
         """Return topics that others use with a type different from `types_of`, each with that type."""
         seen = {*self._seen(self._publications), *self._seen(self._subscriptions)}
-        found = {(name, kind) for name, kind in seen if name in types_of and types_of[name] != kind}
-        new = sorted(found - self._told_types)
-        self._told_types |= found
+        different = {(name, kind) for name, kind in seen if name in types_of and types_of[name] != kind}
+        new = sorted(different - self._reported_types)
+        self._reported_types |= different
         return new
 
     def _seen(self, reader: BuiltinDataReader[Any]) -> Iterator[tuple[str, str]]:
@@ -341,22 +333,22 @@ def ros_type(wire_name: str) -> str:
 
 def ros_domain(spec: RosSpec) -> int:
     """Return the domain. Raises UserError for an environment variable that is not a number."""
-    given = os.environ.get(DOMAIN_VARIABLE, "")
-    if spec.domain is not None or not given:
+    domain = os.environ.get(DOMAIN_VARIABLE, "")
+    if spec.domain is not None or not domain:
         return spec.domain or 0
-    if given.isdecimal() and int(given) <= 232:
-        return int(given)
-    raise UserError(f"{DOMAIN_VARIABLE}={given}: is no domain of ROS 2; use 0 to 232, or ros.domain")
+    if domain.isdecimal() and int(domain) <= 232:
+        return int(domain)
+    raise UserError(f"{DOMAIN_VARIABLE}={domain} is not a domain of ROS 2; use 0 to 232, or ros.domain")
 
 
 def unread_variables(spec: RosSpec) -> Iterator[str]:
     """Yield a sentence for each set variable of ROS 2's discovery that has no effect here."""
     if discovery_range(spec) == "OFF":
-        fix = "nodes of this machine are found; use another domain, or ros.way: rclpy"
-        yield f"ros: {RANGE_VARIABLE}=OFF is taken as LOCALHOST without rclpy: {fix}"
+        fix = "to exclude nodes of this machine, use another domain, or ros.way: rclpy"
+        yield f"ros: {RANGE_VARIABLE}=OFF has the effect of LOCALHOST without rclpy; {fix}"
     if os.environ.get(PEERS_VARIABLE):
         fix = f"give peers in {CONFIGURATION_VARIABLE}, or use ros.way: rclpy"
-        yield f"ros: {PEERS_VARIABLE} does nothing without rclpy; {fix}"
+        yield f"ros: {PEERS_VARIABLE} has no effect without rclpy; {fix}"
 
 
 def _taken(reader: DataReader[Any]) -> Iterator[tuple[bytes, Any]]:

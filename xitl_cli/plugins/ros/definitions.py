@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _OURS = "xitl_msgs/"
 _ONLY_ROS2 = ("tf2_msgs/msg/TFMessage",)
-"""Types of ROS 1 that rosbags' table lacks."""
+"""Types of ROS 1 that are missing in rosbags' table."""
 SERVICES = {
     "std_srvs/srv/Empty": ("", ""),
     "std_srvs/srv/SetBool": ("bool data\n", "bool success\nstring message\n"),
@@ -45,9 +45,9 @@ class MessageTypes:
         for name in _ONLY_ROS2:
             self.ros1.register({name: self.ros2.fielddefs[name]})
         for name, text in {**own_definitions(), **(further or {})}.items():
-            found = get_types_from_msg(text, name)
-            self.ros2.register(found)
-            self.ros1.register({name: fields for name, fields in found.items() if name not in self.ros1.fielddefs})
+            types = get_types_from_msg(text, name)
+            self.ros2.register(types)
+            self.ros1.register({name: fields for name, fields in types.items() if name not in self.ros1.fielddefs})
         self.ros2.register(_service_types("uint8 structure_needs_at_least_one_member\n"))
         self.ros1.register(_service_types(""))
         self._converters: dict[tuple[str, bool], Callable[[bytes], bytes | memoryview]] = {}
@@ -72,18 +72,15 @@ class MessageTypes:
         return self._converted(data, type_name, False)
 
     def _converted(self, data: bytes, type_name: str, to_ros1: bool) -> bytes:
+        key = type_name, to_ros1
+        if key not in self._converters:
+            self._converters[key] = self._converter(type_name, to_ros1)
         try:
-            return bytes(self._converter(type_name, to_ros1)(data))
+            return bytes(self._converters[key](data))
         except (ValueError, IndexError, AssertionError, struct.error) as error:  # for a message that ends too early
             raise SerdeError(f"Could not convert {type_name!r}: {error}") from error
 
     def _converter(self, type_name: str, to_ros1: bool) -> Callable[[bytes], bytes | memoryview]:
-        key = type_name, to_ros1
-        if key not in self._converters:
-            self._converters[key] = self._made_converter(type_name, to_ros1)
-        return self._converters[key]
-
-    def _made_converter(self, type_name: str, to_ros1: bool) -> Callable[[bytes], bytes | memoryview]:
         source, target = (self.ros2, self.ros1) if to_ros1 else (self.ros1, self.ros2)
         if is_same_wireformat(source, target, type_name, type_name):
             return partial(self.ros2.cdr_to_ros1 if to_ros1 else self.ros2.ros1_to_cdr, typename=type_name)

@@ -30,7 +30,7 @@ class Diagnostics:
 
     def __init__(self) -> None:
         self._latest: dict[tuple[str, str], Any] = {}
-        self._said: dict[tuple[str, str], int] = {}
+        self._counts: dict[tuple[str, str], int] = {}
         self._next_ns = 0
 
     def note(self, topic: str, message: Any) -> None:
@@ -48,25 +48,19 @@ class Diagnostics:
 
     def _status(self, topic: str, name: str) -> Any:
         message = self._latest[topic, name]
-        _, _, counts, complaint = _NAMED[topic]
+        _, _, counts, meaning = _NAMED[topic]
         count = sum(max(int(getattr(message, field)), 0) for field in counts)
-        grown = count - self._said.get((topic, name), 0)
-        self._said[topic, name] = count
+        grown = count - self._counts.get((topic, name), 0)
+        self._counts[topic, name] = count
         level, text = msg.DiagnosticStatus.OK, "ok"
         if grown > 0:
-            level, text = msg.DiagnosticStatus.WARN, f"{grown} more: {complaint}" if topic != "/pace" else complaint
-        elif said := _limit_passed(topic, message):
-            level, text = msg.DiagnosticStatus.WARN, said
+            level, text = msg.DiagnosticStatus.WARN, f"{grown} more: {meaning}" if topic != "/pace" else meaning
+        elif topic == "/clocks" and abs(message.drift_ppm) > _MOST_DRIFT_PPM:
+            level, text = msg.DiagnosticStatus.WARN, f"drifts {message.drift_ppm:+.0f} ppm from the host"
+        elif topic == "/nodes" and message.temperature_c > _HOTTEST_C:
+            level, text = msg.DiagnosticStatus.WARN, f"has a temperature of {message.temperature_c:.0f} °C"
         values = [msg.KeyValue(key=key, value=value) for key, value in _values(topic, message)]
         return msg.DiagnosticStatus(level=level, name=f"xitl: {name}", message=text, hardware_id="xitl", values=values)
-
-
-def _limit_passed(topic: str, message: Any) -> str:
-    if topic == "/clocks" and abs(message.drift_ppm) > _MOST_DRIFT_PPM:
-        return f"runs {message.drift_ppm:+.0f} ppm off the host"
-    if topic == "/nodes" and message.temperature_c > _HOTTEST_C:
-        return f"is {message.temperature_c:.0f} °C hot"
-    return ""
 
 
 def _values(topic: str, message: Any) -> Iterator[tuple[str, str]]:

@@ -29,11 +29,11 @@ def discovery_range(spec: RosSpec) -> DiscoveryRange:
         return "LOCALHOST" if spec.discovery == "localhost" else "SUBNET"
     if os.environ.get(LOCAL_VARIABLE) == "1":
         return "LOCALHOST"
-    given = os.environ.get(RANGE_VARIABLE) or "LOCALHOST"
+    value = os.environ.get(RANGE_VARIABLE) or "LOCALHOST"
     for known in get_args(DiscoveryRange):
-        if given == known:
+        if value == known:
             return known  # type: ignore[no-any-return]
-    raise UserError(f"{RANGE_VARIABLE}={given} is not known; use {', '.join(get_args(DiscoveryRange))}")
+    raise UserError(f"{RANGE_VARIABLE}={value} is not known; use {', '.join(get_args(DiscoveryRange))}")
 
 
 def stays_on_machine(spec: RosSpec) -> bool:
@@ -42,14 +42,12 @@ def stays_on_machine(spec: RosSpec) -> bool:
 
 
 class Commanders:
-    """Accepts or refuses messages according to `ros.commanders`. A node without a known name is refused.
-
-    refused: number of messages and peers by topic.
-    """
+    """Accepts or refuses messages according to `ros.commanders`. A node without a known name is refused."""
 
     def __init__(self, names: Sequence[str] | None) -> None:
         self._names = None if names is None else frozenset(names)
         self.refused: Counter[str] = Counter()
+        """Number of messages and peers by topic."""
         self._problems: list[str] = []
 
     @property

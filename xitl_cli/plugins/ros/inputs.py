@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 from agent.mavlink.modes import ROVER_MODE_NUMBERS
@@ -23,40 +24,45 @@ from xitl_cli.plugins.ros.middleware import COMMANDS, RELIABLE, Middleware
 from xitl_cli.plugins.ros.outputs import ENVIRONMENT, TRUTH, ros_name
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, ODOM_FRAME, TOPICS, VESSEL_FRAME
-from xitl_cli.replay.thruster_topics import motor_commands
+from xitl_cli.replay.thrust_log import motor_commands
 
 Action = Mapping[str, Any]
 STREAM_S = 0.005
-"""Of a stream that comes faster than this the latest is passed on."""
+"""Shortest interval between passed-on messages of a stream. The latest message replaces the others."""
 MOST_A_SECOND = 50
-"""Of anything else: what is more is dropped."""
+"""Limit for other topics. The excess is dropped."""
 SPINS = 5
-"""With nothing to wait for: rclpy calls one handler in each."""
+"""Spins without waiting, because rclpy calls one handler in each."""
 AHEAD_M = 20.0
-"""Of the vessel: where `launch_debris` puts a trunk."""
+"""Distance from the vessel at which `launch_debris` puts a trunk."""
 REFUSALS, READY = "refusals", "ready"
 TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 _EMPTY, _BOOL, _STRING, _NUMBER = (f"std_msgs/msg/{name}" for name in ("Empty", "Bool", "String", "Float64"))
-_SAID = {TRIGGER: _EMPTY, SET_BOOL: _BOOL}
+_TOPIC_TYPES = {TRIGGER: _EMPTY, SET_BOOL: _BOOL}
+"""Type of the topic with the name of a service, by the service's type."""
+_HEADER = 4
+_TOO_MANY = f"comes more than {MOST_A_SECOND} times a second; the excess is dropped"
 
 
 class InputError(Exception):
-    """A message that asks for nothing that can be: the rest of a sentence that begins with its topic."""
+    """A message requests no possible action. The text continues a sentence that begins with the topic."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosInput:
-    """One topic or service that is taken. `name` without namespace and vessel; braces stand for one each.
+    """A subscribed topic or an offered service.
 
-    of: whose it is. A service is a topic of the same name as well: with std_msgs/Bool for SetBool, Empty for Trigger.
-    streams: the latest counts, in force while it is repeated.
+    A service is also a topic of the same name, with std_msgs/Bool for SetBool and std_msgs/Empty for Trigger.
     """
 
     name: str
+    """Name without namespace and vessel. A part in braces stands for several names."""
     type: str
     meaning: str
     of: Literal["vessel", "run"] = "vessel"
+    """Whether each vessel has it, or the run."""
     streams: bool = False
+    """True if the latest message counts, and only while messages are repeated."""
 
     @property
     def service(self) -> bool:
@@ -94,17 +100,16 @@ _TABLE = (
     RosInput(READY, "std_msgs/msg/Header",
              "with `ros.lockstep`: the node of this name (`frame_id`) has answered the `/clock` of this stamp", "run"),
 )  # fmt: skip
-INPUTS = {one.name: one for one in _TABLE}
+INPUTS = {row.name: row for row in _TABLE}
 """By name."""
 
 
 class RosInputs:
-    """Subscribes and serves all of INPUTS at `middleware`, for the vessels of `profiles`.
+    """Subscribes to and serves all of INPUTS at `middleware`, for the vessels of `profiles`.
 
-    ask: has the run carry out an action, and tells the refusal, None for none. hope: the same without waiting.
-    answered: a node has answered a /clock. problem: says a sentence to people. received, refused, superseded: messages
-    by topic; superseded ones had a newer one behind them before they were passed on. odom_in_map: east and north of the
-    origin of a vessel's `odom` in `map`, in metres.
+    ask: requests an action of the run, and returns the refusal, None if it is accepted. post: the same without waiting.
+    answered: called with the name of a node that has answered a /clock. problem: reports a sentence to the user.
+    odom_in_map: returns east and north of the origin of a vessel's `odom` in `map`, in metres.
     """
 
     def __init__(
@@ -112,7 +117,7 @@ class RosInputs:
         profiles: Sequence[RunProfile],
         middleware: Middleware,
         ask: Callable[[Action], str | None],
-        hope: Callable[[Action], object],
+        post: Callable[[Action], object],
         answered: Callable[[str, int], object] = lambda node, stamp_ns: None,
         problem: Callable[[str], object] = lambda text: None,
         now_s: Callable[[], float] = time.monotonic,
@@ -122,32 +127,33 @@ class RosInputs:
         self.received: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
         self.superseded: Counter[str] = Counter()
+        """Messages by topic that a newer one replaced before they were passed on."""
         self._middleware = middleware
-        self._ask, self._hope, self._answered, self._problem = ask, hope, answered, problem
+        self._ask, self._post, self._answered, self._problem = ask, post, answered, problem
         self._now_s = now_s
-        self._said: set[tuple[str, str]] = set()
+        self._reported: set[tuple[str, str]] = set()
         self._streams: list[_Stream] = []
         self._answers: list[tuple[str, int]] = []
         self._truth: dict[str, bytes] = {}
         self._environment: dict[str, bytes] = {}
         self._spec = profiles[0].ros
         self._refusals = middleware.advertise(ros_name(self._spec.namespace, "", REFUSALS), _STRING, RELIABLE)
-        self._open_of_run(profiles[0])
+        self._open_run_inputs()
         for profile in profiles:
-            self._open_of_vessel(profile)
+            self._open_vessel_inputs(profile)
 
     def recorded(self, topic: str, payload: bytes) -> None:
-        """Keep the recorded positions of the vessels and the current at their places."""
+        """Keep the latest recorded pose of each vessel, and the current at its position."""
         if topic.endswith(TRUTH):
             self._truth[topic.removesuffix(TRUTH).strip("/")] = payload
         elif topic.endswith(ENVIRONMENT):
             self._environment[topic.removesuffix(ENVIRONMENT).strip("/")] = payload
 
     def flush(self) -> None:
-        """Pass on what is due. To be called after each spin of the middleware.
+        """Pass on due messages. Call it after each spin of the middleware.
 
-        A node publishes its commands before its answer, and both may come within one spin in any order: more spins
-        bring what came before the answer, and then it goes.
+        A node publishes its commands before its answer, but one spin may deliver them in any order. Therefore, more
+        spins deliver all earlier commands before the answer is passed on.
         """
         if self._answers:
             answers, self._answers = self._answers, []
@@ -160,9 +166,7 @@ class RosInputs:
         for stream in self._streams:
             stream.flush()
 
-    # What there is
-
-    def _open_of_run(self, first: RunProfile) -> None:
+    def _open_run_inputs(self) -> None:
         lockstep = self._spec.lockstep
         step_s = 0.1 if lockstep is None else lockstep.step_s
         self._open(
@@ -171,12 +175,12 @@ class RosInputs:
             lambda m: {"action": "launch", "kind": "trunk"} | self._place(m.header.frame_id, m.point, ""),
         )
         for name, action in (("pause", {}), ("resume", {}), ("step", {"seconds": step_s})):
-            self._open(name, "", lambda m, asked={"action": name, **action}: asked)  # type: ignore[misc]
-        self._open("operator/ask", "", _asked)
+            self._open(name, "", lambda m, request={"action": name, **action}: request)  # type: ignore[misc]
+        self._open("operator/ask", "", _action_of_json)
         if lockstep is not None:
             self._open(READY, "", self._on_ready)
 
-    def _open_of_vessel(self, profile: RunProfile) -> None:
+    def _open_vessel_inputs(self, profile: RunProfile) -> None:
         vessel = profile.vessel
         of = {"vessel": vessel} if vessel else {}
         stamped = self._spec.cmd_vel == "TwistStamped"
@@ -197,8 +201,8 @@ class RosInputs:
         self._open("arm", vessel, lambda m: {"action": "arm", "armed": bool(m.data)} | of)
         self._open("set_mode", vessel, lambda m: {"action": "mode", "mode": str(m.data).strip().upper()} | of)
         for mode in ROVER_MODE_NUMBERS:
-            asked = {"action": "mode", "mode": mode} | of
-            self._open("mode/{mode}", vessel, lambda m, asked=asked: asked, name=f"mode/{mode.lower()}")  # type: ignore[misc]
+            request = {"action": "mode", "mode": mode} | of
+            self._open("mode/{mode}", vessel, lambda m, request=request: request, name=f"mode/{mode.lower()}")  # type: ignore[misc]
         self._open("start_mission", vessel, lambda m: {"action": "mission", "do": "start"} | of)
         self._open("clear_mission", vessel, lambda m: {"action": "mission", "do": "clear"} | of)
         self._open("set_mission", vessel, lambda m: self._mission(m, vessel) | of)
@@ -213,54 +217,50 @@ class RosInputs:
         type_name: str | None = None,
         name: str = "",
     ) -> None:
-        """One of INPUTS; `action` makes one of a message, or None where there is nothing to be done by the run."""
-        one = INPUTS[key]
-        whole = ros_name(self._spec.namespace, vessel, name or key)
-        if one.service:
-            serve = self._serve_switch if one.type == SET_BOOL else self._serve_trigger
-            self._middleware.serve(whole, one.type, lambda request: serve(whole, request, action))
+        """Open one of INPUTS. action: makes an action from a message, None if the run has nothing to do."""
+        row = INPUTS[key]
+        topic = ros_name(self._spec.namespace, vessel, name or key)
+        if row.service:
+            self._middleware.serve(topic, row.type, partial(self._serve, topic, row.type, action))
             if key == "mode/{mode}":
                 return
-        topic_type = type_name or _SAID.get(one.type, one.type)
-        read = lambda cdr: self._read(whole, topic_type, cdr, action)  # noqa: E731
-        if one.streams:
-            stream = _Stream(read, self._now_s, lambda: self.superseded.update([whole]))
+        topic_type = type_name or _TOPIC_TYPES.get(row.type, row.type)
+        pass_on: Callable[[bytes], None] = partial(self._read, topic, topic_type, action)
+        if row.streams:
+            stream = _Stream(pass_on, self._now_s, lambda: self.superseded.update([topic]))
             self._streams.append(stream)
-            pass_on = stream.take
-        elif key == READY:
-            pass_on = read
-        else:
-            pass_on = _Limited(read, self._now_s, lambda: self._refuse(whole, _TOO_MANY)).take
+            pass_on = stream.add
+        elif key != READY:
+            pass_on = _Limited(pass_on, self._now_s, lambda: self._refuse(topic, _TOO_MANY)).add
 
-        def take(cdr: bytes) -> None:
-            self.received[whole] += 1
+        def receive(cdr: bytes) -> None:
+            self.received[topic] += 1
             pass_on(cdr)
 
-        best_effort = one.streams and self._spec.lockstep is None  # what is lost does not repeat
-        self._middleware.subscribe(whole, topic_type, COMMANDS if best_effort else RELIABLE, take)
+        best_effort = row.streams and self._spec.lockstep is None  # in lockstep, a lost message would not repeat
+        self._middleware.subscribe(topic, topic_type, COMMANDS if best_effort else RELIABLE, receive)
 
-    # What comes
-
-    def _read(self, topic: str, type_name: str, cdr: bytes, action: Callable[[Any], Action | None]) -> None:
+    def _read(self, topic: str, type_name: str, action: Callable[[Any], Action | None], cdr: bytes) -> None:
+        """Handle a message of a topic."""
         try:
-            asked = action(_message(cdr, type_name))
+            try:
+                message = None if type_name == _EMPTY else deserialize(cdr, type_name)
+            except Exception as error:  # rosbags also raises errors of numpy and struct  # noqa: BLE001
+                raise InputError(f"is not a valid {type_name} ({error or type(error).__name__})") from None
+            request = action(message)
         except InputError as error:
             self._refuse(topic, str(error))
             return
-        if asked is not None:
-            self._hope(asked)
+        if request is not None:
+            self._post(request)
 
-    def _serve_trigger(self, service: str, request: bytes, action: Callable[[Any], Action | None]) -> bytes:
-        return self._serve(service, None, action)
-
-    def _serve_switch(self, service: str, request: bytes, action: Callable[[Any], Action | None]) -> bytes:
-        return self._serve(service, _Switch(len(request) > _HEADER and request[_HEADER] != 0), action)
-
-    def _serve(self, service: str, message: Any, action: Callable[[Any], Action | None]) -> bytes:
+    def _serve(self, service: str, type_name: str, action: Callable[[Any], Action | None], cdr: bytes) -> bytes:
+        """Handle a request of a service, and return the response."""
         self.received[service] += 1
+        message = _Switch(len(cdr) > _HEADER and cdr[_HEADER] != 0) if type_name == SET_BOOL else None
         try:
-            asked = action(message)
-            refusal = None if asked is None else self._ask(asked)
+            request = action(message)
+            refusal = None if request is None else self._ask(request)
         except InputError as error:
             refusal = str(error)
         if refusal is not None:
@@ -269,50 +269,49 @@ class RosInputs:
 
     def _refuse(self, topic: str, why: str) -> None:
         self.refused[topic] += 1
-        self._say(topic, why)
+        self._report(topic, why)
 
-    def _say(self, topic: str, why: str) -> None:
-        """To people once for each reason, and to nodes on `refusals`."""
-        if (topic, why) not in self._said and len(self._said) < MOST_A_SECOND:
-            self._said.add((topic, why))
+    def _report(self, topic: str, why: str) -> None:
+        """Report each reason once to the user, and to nodes on `refusals`."""
+        if (topic, why) not in self._reported and len(self._reported) < MOST_A_SECOND:
+            self._reported.add((topic, why))
             self._problem(f"{topic} {why}")
             self._refusals(string_cdr(f"{topic} {why}"))
 
     def refused_by_run(self, text: str) -> None:
-        """The same of what the run would not do."""
-        if ("", text) not in self._said and len(self._said) < MOST_A_SECOND:
-            self._said.add(("", text))
+        """Report a refusal of the run to nodes, once for each text."""
+        if ("", text) not in self._reported and len(self._reported) < MOST_A_SECOND:
+            self._reported.add(("", text))
             self._refusals(string_cdr(text))
+
+    # Actions of messages
 
     def _velocity(self, message: Any, vessel: str, stamped: bool) -> dict[str, Any]:
         twist = message.twist if stamped else message
         if stamped and message.header.frame_id not in ("", frame_name(VESSEL_FRAME, vessel)):
-            raise InputError(f"is in {message.header.frame_id!r}; use {frame_name(VESSEL_FRAME, vessel)}")
+            frame = message.header.frame_id
+            raise InputError(f"has the frame {frame!r}; use {frame_name(VESSEL_FRAME, vessel)}")
         linear, angular = twist.linear, twist.angular
         used = {"linear.x": linear.x, "angular.z": angular.z}
         others = {"linear.y": linear.y, "linear.z": linear.z, "angular.x": angular.x, "angular.y": angular.y}
         _check_finite(used | others)
-        if passed_over := [name for name, value in others.items() if value]:
+        if ignored := [name for name, value in others.items() if value]:
             topic = ros_name(self._spec.namespace, vessel, "cmd_vel")
-            self._say(topic, f"has {', '.join(passed_over)}, which is passed over: linear.x and angular.z count")
+            self._report(topic, f"has {', '.join(ignored)}; only linear.x and angular.z are used")
         speed_mps = float(linear.x)
         if self._spec.cmd_vel_reference == "water":
-            speed_mps += self._current_ahead_mps(vessel)
+            # Add the component of the true current at the vessel along its heading
+            if vessel not in self._environment or vessel not in self._truth:
+                raise InputError("needs the current, which is not known yet; wait for the first message on current")
+            environment = deserialize(self._environment[vessel], TOPICS[ENVIRONMENT].schema)
+            north_mps, east_mps, _ = environment.current_ned_mps.tolist()
+            yaw_rad = self._yaw_enu_rad(self._true_pose(vessel))
+            speed_mps += float(east_mps * math.cos(yaw_rad) + north_mps * math.sin(yaw_rad))
         return {"action": "velocity", "speed_mps": speed_mps, "turn_rate_radps": -float(angular.z)}
-
-    def _current_ahead_mps(self, vessel: str) -> float:
-        """Component of the true current at the vessel along its heading. Raises InputError before the first of it."""
-        if vessel not in self._environment or vessel not in self._truth:
-            raise InputError("has no current to be relative to yet; wait for the first message on current")
-        north_mps, east_mps, _ = deserialize(
-            self._environment[vessel], TOPICS[ENVIRONMENT].schema
-        ).current_ned_mps.tolist()
-        yaw_rad = self._yaw_enu_rad(self._true_pose(vessel))
-        return float(east_mps * math.cos(yaw_rad) + north_mps * math.sin(yaw_rad))
 
     def _mission(self, message: Any, vessel: str) -> dict[str, Any]:
         if not len(message.poses):
-            raise InputError("has no poses; use clear_mission to take the mission off board")
+            raise InputError("has no poses; use clear_mission to remove the mission from the autopilot")
         places = []
         for pose in message.poses:
             place = self._place(message.header.frame_id or pose.header.frame_id, pose.pose.position, vessel)
@@ -320,8 +319,10 @@ class RosInputs:
         return {"action": "mission", "do": "replace", "waypoints_ned_m": places}
 
     def _place(self, frame: str, position: Any, vessel: str) -> dict[str, float]:
-        """North and east in `map` of a position in `map` or `odom`."""
-        _check_frame(frame, vessel)
+        """Return north and east in `map` of a position in `map` or `odom`. An empty frame means `map`."""
+        known = (MAP_FRAME, frame_name(ODOM_FRAME, vessel))
+        if frame not in ("", *known):
+            raise InputError(f"has the unknown frame {frame!r}; use {' or '.join(dict.fromkeys(known))}")
         _check_finite({"position.x": position.x, "position.y": position.y})
         in_odom = frame == frame_name(ODOM_FRAME, vessel)
         east_m, north_m = self._odom_in_map(vessel) if in_odom else (0.0, 0.0)
@@ -334,23 +335,19 @@ class RosInputs:
         return {"action": "launch", "kind": "trunk", "north_m": round(north_m, 3), "east_m": round(east_m, 3)}
 
     def _true_pose(self, vessel: str) -> Any:
-        """The latest geometry_msgs/Pose in `map`. Raises InputError before the first."""
+        """Return the latest geometry_msgs/Pose in `map`. Raises InputError before the first."""
         if vessel not in self._truth:
-            raise InputError("has no vessel to be ahead of yet; wait for the first ground_truth/odom")
+            raise InputError("needs the vessel's pose, which is not known yet; wait for the first ground_truth/odom")
         return deserialize(self._truth[vessel], "nav_msgs/msg/Odometry").pose.pose
 
     @staticmethod
     def _yaw_enu_rad(pose: Any) -> float:
-        """Counter-clockwise from east."""
+        """Return the heading, counter-clockwise from east."""
         q = pose.orientation
         return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
     def _on_ready(self, message: Any) -> None:
         self._answers.append((str(message.frame_id), message.stamp.sec * 1_000_000_000 + message.stamp.nanosec))
-
-
-_HEADER = 4
-_TOO_MANY = f"comes more than {MOST_A_SECOND} times a second; what is more is dropped"
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,13 +358,13 @@ class _Switch:
 
 
 def string_cdr(text: str) -> bytes:
-    """A std_msgs/String."""
+    """Return a std_msgs/String."""
     data = text.encode() + b"\0"
     return b"\0\1\0\0" + struct.pack("<I", len(data)) + data
 
 
 def answer_cdr(success: bool, text: str) -> bytes:
-    """A response of std_srvs/Trigger or SetBool: success and message."""
+    """Return a response of std_srvs/Trigger or SetBool: success and message."""
     data = text.encode() + b"\0"
     return b"\0\1\0\0" + struct.pack("<?xxxI", success, len(data)) + data
 
@@ -377,61 +374,47 @@ def _motor(number: int, command: Callable[[float], float], value: float) -> dict
     return {"action": "motor", "number": number, "command": command(float(value))}
 
 
-def _asked(message: Any) -> Action:
+def _action_of_json(message: Any) -> Action:
     try:
         action = json.loads(message.data)
     except ValueError as error:
-        raise InputError(f"is no JSON ({error})") from None
+        raise InputError(f"is not JSON ({error})") from None
     if not isinstance(action, dict):
-        raise InputError('is no JSON object; write one such as {"action": "pause"}')
+        raise InputError('is not a JSON object; write one such as {"action": "pause"}')
     return action
-
-
-def _check_frame(frame: str, vessel: str) -> None:
-    """A frame that is empty is taken for `map`, as it is typed at a command line."""
-    known = (MAP_FRAME, frame_name(ODOM_FRAME, vessel))
-    if frame not in ("", *known):
-        raise InputError(f"is in {frame!r}, which is not known; use {' or '.join(dict.fromkeys(known))}")
 
 
 def _check_finite(named: Mapping[str, float]) -> None:
     for name, value in named.items():
         if not math.isfinite(value):
-            raise InputError(f"has {name} = {value}; it was not passed on")
-
-
-def _message(cdr: bytes, type_name: str) -> Any:
-    try:
-        return None if type_name == _EMPTY else deserialize(cdr, type_name)
-    except Exception as error:  # rosbags raises what numpy and struct do as well  # noqa: BLE001
-        raise InputError(f"is no {type_name} ({error or type(error).__name__})") from None
+            raise InputError(f"has {name} = {value}; publish finite numbers")
 
 
 class _Stream:
-    """Passes on the latest message, at most every STREAM_S; `superseded` is called for each that had one behind it."""
+    """Passes on the latest message, at most every STREAM_S. `superseded` is called for each replaced message."""
 
     def __init__(
         self, pass_on: Callable[[bytes], object], now_s: Callable[[], float], superseded: Callable[[], object]
     ) -> None:
         self._pass_on, self._now_s, self._superseded = pass_on, now_s, superseded
         self._next_s = 0.0
-        self._kept: bytes | None = None
+        self._latest: bytes | None = None
 
-    def take(self, cdr: bytes) -> None:
-        if self._kept is not None:
+    def add(self, cdr: bytes) -> None:
+        if self._latest is not None:
             self._superseded()
-        self._kept = cdr
+        self._latest = cdr
         self.flush()
 
     def flush(self, waits: bool = True) -> None:
         now_s = self._now_s()
-        if self._kept is not None and (now_s >= self._next_s or not waits):
-            kept, self._kept, self._next_s = self._kept, None, now_s + STREAM_S
-            self._pass_on(kept)
+        if self._latest is not None and (now_s >= self._next_s or not waits):
+            latest, self._latest, self._next_s = self._latest, None, now_s + STREAM_S
+            self._pass_on(latest)
 
 
 class _Limited:
-    """Passes on MOST_A_SECOND messages of each second; `dropped` is called for each of the others."""
+    """Passes on MOST_A_SECOND messages of each second. `dropped` is called for each of the others."""
 
     def __init__(
         self, pass_on: Callable[[bytes], object], now_s: Callable[[], float], dropped: Callable[[], object]
@@ -439,7 +422,7 @@ class _Limited:
         self._pass_on, self._now_s, self._dropped = pass_on, now_s, dropped
         self._second, self._count = 0.0, 0
 
-    def take(self, cdr: bytes) -> None:
+    def add(self, cdr: bytes) -> None:
         now_s = self._now_s()
         if now_s - self._second >= 1.0:
             self._second, self._count = now_s, 0

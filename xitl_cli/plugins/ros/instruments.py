@@ -31,6 +31,13 @@ _UNKNOWN_MILLIVOLTS = 0, 0xFFFF
 
 Measured = tuple[str, str, Any, int]
 """Topic of OUTPUTS, the part in its braces if any, the message, and its instant."""
+Array = NDArray[np.float64]
+POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+TIMED_POINT = np.dtype([*POINT.descr, ("time", "<f4")])
+"""time: seconds after the stamp, as in Velodyne's driver."""
+_FLOAT32 = 7  # PointField
+SCAN_BINS = 360
+SCAN_HEIGHTS_M = 0.1, 3.0
 
 
 class Attitude(Protocol):
@@ -41,10 +48,7 @@ class Attitude(Protocol):
 
 
 class Instruments:
-    """Sensors of one vessel. framed: adds the vessel's name to a frame's name.
-
-    kinds: MAVLink messages that it converts. topics: resulting topics of OUTPUTS. rangefinders: parts of RANGE.
-    """
+    """Sensors of one vessel. framed: adds the vessel's name to a frame's name."""
 
     def __init__(self, sensors: SensorsSpec, framed: Callable[[str], str]) -> None:
         self._sensors = sensors
@@ -67,10 +71,13 @@ class Instruments:
         if sensors.messages.obstacle_distance is not None and sensors.lidar is None:
             self._makers[dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = self._sectors
         self.kinds = frozenset(self._makers)
+        """MAVLink messages that it converts."""
         self.topics = ["imu/data", "fix", "fix_velocity", "magnetic_field", "fluid_pressure"]
+        """Resulting topics of OUTPUTS."""
         if dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE in self._makers:
             self.topics.append("scan")
         self.rangefinders = [f"rangefinder_{number}" for number in range(len(sensors.rangefinders))]
+        """Parts of RANGE."""
 
     def messages(self, message: Any, attitude: Attitude) -> Iterator[Measured]:
         """Convert a message of one of `kinds`."""
@@ -199,16 +206,6 @@ def _flu(vector_frd: Any) -> Any:
 def _diagonal(variance: float) -> NDArray[np.float64]:
     """Return (9,) for three equal axes."""
     return (np.eye(3) * variance).reshape(9)
-
-
-Array = NDArray[np.float64]
-
-POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-TIMED_POINT = np.dtype([*POINT.descr, ("time", "<f4")])
-"""time: seconds after the stamp, as in Velodyne's driver."""
-_FLOAT32 = 7  # PointField
-SCAN_BINS = 360
-SCAN_HEIGHTS_M = 0.1, 3.0
 
 
 class CloudFrame:

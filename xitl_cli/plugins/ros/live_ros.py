@@ -37,14 +37,18 @@ END_S = 5.0
 MOST_REFUSALS = 50  # reported refusals, each once
 MOST_IN_PIPE_BYTES = 1 << 20
 """Limit of queued data in the pipe: data in the pipe can no longer be dropped."""
+POLL_S = 0.002
+CLOCK_AGAIN_S = 0.2
+SETTLED_S = 1.0
+"""Wait after the first message of a node, so that its other endpoints and the bridge discover each other."""
 
 
 class LiveRosNode(RunNode):
     """The bridge of a run to ROS. If it dies or hangs, the run continues unchanged.
 
-    profiles: one per vessel. tell: shows a text to the user. It is a mirror of the recording, see McapFile. answers_ns:
-    the latest /clock that each node has answered, by its name. If the run waits for nodes, it handles their requests
-    only during standstills (`poll`), so that it does not depend on the wall clock.
+    profiles: one per vessel. tell: shows a text to the user. It is a mirror of the recording, see McapFile. If the run
+    waits for nodes, it handles their requests only during standstills (`poll`), so that it does not depend on the wall
+    clock.
     """
 
     def __init__(self, profiles: Sequence[RunProfile], tell: Callable[[str], object]) -> None:
@@ -61,7 +65,7 @@ class LiveRosNode(RunNode):
         self._dropped: Counter[int] = Counter()
         self._now_ns = 0
         self._every = max(round(profiles[0].clock.physics_rate_hz / HAND_OVER_HZ), 1)
-        self._taken = (0, 0.0)
+        self._progress = (0, 0.0)
         self._next_s = 0.0
         self._silent = False
         self._name = ""
@@ -71,6 +75,7 @@ class LiveRosNode(RunNode):
         self._refusals: set[str] = set()
         self._holds = self._spec.lockstep is not None
         self.answers_ns: dict[str, int] = {}
+        """The latest /clock that each node has answered, by its name."""
 
     def attach_operator(self, operator: OperatorNode) -> None:
         """Let the operator carry out requests of nodes, and poll this node during standstills too."""
@@ -88,10 +93,6 @@ class LiveRosNode(RunNode):
             ros2_way(self._spec)
         self._bridge.start()
         self._bridge.send(RosStart(self._profiles, self._operator is not None))
-        self._await_opening()
-        self._tell(f"ros: {self._name}")
-
-    def _await_opening(self) -> None:
         until_s = time.monotonic() + OPENING_S
         while not self._name:
             if time.monotonic() >= until_s:
@@ -102,7 +103,8 @@ class LiveRosNode(RunNode):
                 if "opened" in message:
                     self._name = str(message["opened"])
                 else:
-                    self._take_in(message)
+                    self._handle(message)
+        self._tell(f"ros: {self._name}")
 
     def mirror(self) -> LiveRosNode:
         return self
@@ -164,7 +166,7 @@ class LiveRosNode(RunNode):
         """True if the process can no longer send requests or answers."""
         return self._bridge.gone
 
-    def tell_clock_again(self) -> None:
+    def send_clock_again(self) -> None:
         """Send /clock again for a node that has missed it."""
         self._bridge.send(RosClockAgain())
 
@@ -173,20 +175,27 @@ class LiveRosNode(RunNode):
         if self._queue and time.monotonic() >= self._next_s:
             self._hand_over()
         for message in self._bridge.receive(timeout_s):
-            self._take_in(message)
-        self._watch()
+            self._handle(message)
+        # Check that the process still accepts data
+        now_s, taken_bytes = time.monotonic(), self._bridge.taken_bytes
+        if not self._bridge.waiting_bytes or taken_bytes != self._progress[0]:
+            self._progress, self._silent = (taken_bytes, now_s), False
+        elif now_s - self._progress[1] > SILENT_S and not self._silent:
+            self._silent = True
+            self._warn(
+                f"ros: the bridge has accepted no data for {SILENT_S:g} s; the run continues and drops the oldest data"
+            )
 
-    def _take_in(self, message: Mapping[str, Any]) -> None:
+    def _handle(self, message: Mapping[str, Any]) -> None:
         if isinstance(action := message.get("action"), dict):
             self._actions += 1
-            refusal = "nobody carries out actions in this run"
-            if self._operator is not None:
-                refused = self._operator.ask(action, SOURCE)
-                refusal = refused or ""
-                self._refused += refused is not None and "request" not in message
             request = message.get("request")
+            refusal: str | None = "this run accepts no actions"
+            if self._operator is not None:
+                refusal = self._operator.ask(action, SOURCE)
+                self._refused += refusal is not None and request is None
             if request is not None:
-                self._bridge.send(RosAnswer(int(request), refusal or None))
+                self._bridge.send(RosAnswer(int(request), refusal))
             elif refusal and refusal not in self._refusals and len(self._refusals) < MOST_REFUSALS:
                 self._refusals.add(refusal)
                 self._warn(f"ros: {refusal}")
@@ -198,15 +207,6 @@ class LiveRosNode(RunNode):
         elif "problem" in message:
             self._warn(str(message["problem"]))
 
-    def _watch(self) -> None:
-        """Check that the process still accepts data."""
-        now_s, taken_bytes = time.monotonic(), self._bridge.taken_bytes
-        if not self._bridge.waiting_bytes or taken_bytes != self._taken[0]:
-            self._taken, self._silent = (taken_bytes, now_s), False
-        elif now_s - self._taken[1] > SILENT_S and not self._silent:
-            self._silent = True
-            self._warn(f"ros: the bridge takes nothing since {SILENT_S:g} s; the run goes on, what is old is dropped")
-
     def _warn(self, text: str) -> None:
         self._problems.append(text)
         self._tell(f"warning: {text}")
@@ -215,8 +215,8 @@ class LiveRosNode(RunNode):
 
     def _on_loss(self, why: str) -> None:
         if not self._name:
-            raise UserError(f"ros: the bridge has ended at its start{why}")
-        self._warn(f"ros: the bridge has ended; the run goes on without it{why}")
+            raise UserError(f"ros: the bridge ended at its start{why}")
+        self._warn(f"ros: the bridge has ended; the run continues without it{why}")
 
     def end(self) -> None:
         """Let the process publish the remaining data and report its counts."""
@@ -224,7 +224,7 @@ class LiveRosNode(RunNode):
             self._hand_over()
         self._bridge.send(RosEnd())
         for message in self._bridge.receive_last():
-            self._take_in(message)
+            self._handle(message)
         self._drop(0)
 
     def close(self) -> None:
@@ -265,12 +265,6 @@ class RosOutput(LiveOutput):
         return [bridge, RosLockstepNode(lead.ros.lockstep, lead.clock, bridge, run.tell, run.interrupted)]
 
 
-LOOK_S = 0.002
-CLOCK_AGAIN_S = 0.2
-SETTLED_S = 1.0
-"""Wait after the first message of a node, so that its other endpoints and the bridge discover each other."""
-
-
 class AnsweringNodes(Protocol):
     """Source of nodes' answers: see LiveRosNode."""
 
@@ -279,7 +273,7 @@ class AnsweringNodes(Protocol):
     @property
     def lost(self) -> bool: ...
     def poll(self, timeout_s: float = 0.0) -> None: ...
-    def tell_clock_again(self) -> None: ...
+    def send_clock_again(self) -> None: ...
 
 
 class RosLockstepNode(RunNode):
@@ -318,7 +312,7 @@ class RosLockstepNode(RunNode):
         self._stand(0, self._keys.start_timeout_s)
         until_s = self._now_s() + SETTLED_S
         while self._now_s() < until_s and not self._interrupted() and not self._nodes.lost:
-            self._nodes.poll(LOOK_S)
+            self._nodes.poll(POLL_S)
 
     def record(self, step: RunStep) -> None:
         if step.number % self._every == 0:
@@ -328,18 +322,18 @@ class RosLockstepNode(RunNode):
     def _stand(self, now_ns: int, timeout_s: float) -> None:
         """Wait until each node has answered, `timeout_s` at most. A missing node counts again after its next answer."""
         answers_ns = self._nodes.answers_ns
-        self._given_up = {node: told for node, told in self._given_up.items() if answers_ns.get(node, -1) == told}
+        self._given_up = {node: last for node, last in self._given_up.items() if answers_ns.get(node, -1) == last}
         self._unanswered.update(self._given_up.keys())
-        began_s = now_s = listened_s = told_s = self._now_s()
+        began_s = now_s = listened_s = sent_s = self._now_s()
         while (missing := self._missing(now_ns)) and not self._interrupted() and not self._nodes.lost:
             if now_s - began_s >= timeout_s:
                 self._give_up(now_ns, missing, timeout_s)
                 break
-            self._nodes.poll(LOOK_S)
+            self._nodes.poll(POLL_S)
             now_s = self._now_s()
-            if now_s - told_s >= CLOCK_AGAIN_S:
-                told_s = now_s
-                self._nodes.tell_clock_again()
+            if now_s - sent_s >= CLOCK_AGAIN_S:
+                sent_s = now_s
+                self._nodes.send_clock_again()
             if now_s - listened_s >= LISTEN_S and isinstance(self._pace, OperatedLockstep):
                 listened_s = now_s
                 self._pace.listen()
@@ -351,18 +345,20 @@ class RosLockstepNode(RunNode):
         return [node for node in waited_for if answers_ns.get(node, -1) < now_ns]
 
     def _give_up(self, now_ns: int, missing: list[str], timeout_s: float) -> None:
-        heard = ", ".join(self._nodes.answers_ns) or "nobody"
+        answered = ", ".join(self._nodes.answers_ns) or "no node"
         text = (
             f"ros.lockstep: {', '.join(missing)} did not answer the /clock {now_ns * 1e-9:g} s on ready within "
-            f"{timeout_s:g} s (heard: {heard})"
+            f"{timeout_s:g} s (heard so far: {answered})"
         )
         if self._keys.without_answer == "end":
-            raise UserError(f"{text}; give more ros.lockstep.timeout_s, or without_answer: go-on")
+            raise UserError(f"{text}; increase ros.lockstep.timeout_s, or set without_answer: go-on")
         first = not any(self._unanswered[node] for node in missing)
         self._unanswered.update(missing)
         self._given_up |= {node: self._nodes.answers_ns.get(node, -1) for node in missing}
         if first:
-            self._warnings.append(f"{text}; the run goes on, does not repeat, and waits once it answers again")
+            self._warnings.append(
+                f"{text}; the run continues, is not repeatable, and waits again after the next answer"
+            )
             self._recorder.log(now_ns, WARNING, "ros", self._warnings[-1])
             self._tell(f"warning: {self._warnings[-1]}")
 

@@ -14,7 +14,7 @@ from xitl_cli.plugins.ros.outputs import QosKind
 from xitl_cli.profile.schema.ros import RosTopicSpec
 
 NODE_NAME = "xitl"
-LOOK_S = 1.0
+CHECK_S = 1.0
 """Interval of the check for other publishers of the same topics."""
 
 
@@ -32,28 +32,29 @@ RELIABLE = QosProfile()
 LATCHED = QosProfile(durability="transient_local", depth=1)
 QOS: dict[QosKind, QosProfile] = {"sensor": replace(RELIABLE, depth=0), "latched": LATCHED, "clock": RELIABLE}
 """By their names in the table of topics; depth 0: the profile's."""
+_WEAKER = {"reliability": ("best_effort", "reliable"), "durability": ("volatile", "transient_local")}
+"""Weaker and stronger value of each policy."""
+_OF_ALL = ("/clock", "/tf")
+"""Topics that ros.namespace does not rename."""
 COMMANDS = QosProfile(reliability="best_effort", depth=1000)
 """QoS of a subscriber. Best effort accepts every publisher; a flood of ten thousand a second is still counted."""
 
 
 def qos_with(usual: QosProfile, asked: RosTopicSpec) -> QosProfile:
     """Return the QoS of a topic with the profile's changes."""
-    given = {key: getattr(asked, key) for key in ("reliability", "durability", "depth")}
-    return replace(usual, **{key: value for key, value in given.items() if value is not None})
+    changes = {key: getattr(asked, key) for key in ("reliability", "durability", "depth")}
+    return replace(usual, **{key: value for key, value in changes.items() if value is not None})
 
 
 def mismatch_text(topic: str, policy: str, ours: QosProfile, offers: bool) -> str:
     """Explain why a topic of xitl and another node do not match, and the fix. offers: xitl publishes it."""
     if policy not in _WEAKER:
-        return f"ros: {topic}: {policy} of another node does not match ours ({ours}); see `ros2 topic info -v {topic}`"
+        return f"ros: {topic}: {policy} of another node does not match {ours} here; see `ros2 topic info -v {topic}`"
     weak, strong = _WEAKER[policy]
     if offers:
         fix = f"subscribe with {weak}, or give the topic {policy}: {strong} in ros.topics"
-        return f"ros: {topic}: a node asks for {policy} {strong} and is offered {weak}, so that it gets nothing; {fix}"
-    return f"ros: {topic}: a node publishes with {policy} {weak}, so that nothing of it arrives; publish with {strong}"
-
-
-_WEAKER = {"reliability": ("best_effort", "reliable"), "durability": ("volatile", "transient_local")}
+        return f"ros: {topic}: a node requests {policy} {strong}, but xitl offers {weak}: it receives nothing; {fix}"
+    return f"ros: {topic}: a node publishes with {policy} {weak}: its messages do not arrive; publish with {strong}"
 
 
 def others_text(topics: Sequence[str], domain: str) -> str:
@@ -63,15 +64,12 @@ def others_text(topics: Sequence[str], domain: str) -> str:
     if not any(topic.startswith(_OF_ALL) for topic in topics):
         fix += ", or ros.namespace"
     where = domain or "at this master"
-    return f"ros: another node publishes {shown} {where}, so that its readers get both; {fix}"
+    return f"ros: another node also publishes {shown} {where}: subscribers receive both; {fix}"
 
 
 def type_text(topic: str, ours: str, theirs: str) -> str:
     """Return the warning about another node that uses a topic of xitl with another type."""
-    return f"ros: {topic}: another node has it as {theirs}, so that nothing goes between the two; use {ours}"
-
-
-_OF_ALL = ("/clock", "/tf")
+    return f"ros: {topic}: another node uses the type {theirs}: the two exchange no messages; use {ours}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +91,8 @@ class Middleware(Protocol):
     def advertise(self, topic: str, type_name: str, qos: QosProfile) -> Callable[[bytes], None]:
         """Return a publisher of CDR bytes."""
 
-    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
-        """Call `take` with the CDR bytes of each message."""
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, handle: Callable[[bytes], None]) -> None:
+        """Call `handle` with the CDR bytes of each message."""
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
         """Call `answer` with the CDR bytes of each request; it returns those of the response."""

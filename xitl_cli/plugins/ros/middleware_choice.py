@@ -13,8 +13,8 @@ from xitl_cli.extras import ROS2
 from xitl_cli.plugins.ros.middleware import NODE_NAME, Middleware
 from xitl_cli.profile.schema.ros import RosSpec
 
-MOST_SAID = 120
-"""Characters of an import error that are shown."""
+MOST_SHOWN = 120
+"""Number of characters of an import error in messages."""
 
 
 def open_middleware(spec: RosSpec, node_name: str = NODE_NAME) -> Middleware:
@@ -46,7 +46,7 @@ def rclpy_problem() -> str | None:
     try:
         import_module("rclpy")
     except ImportError as error:
-        return str(error).splitlines()[0][:MOST_SAID]
+        return str(error).splitlines()[0][:MOST_SHOWN]
     return None
 
 
@@ -55,24 +55,24 @@ def ros2_way(spec: RosSpec) -> Literal["rclpy", "cyclonedds"]:
     if spec.way != "cyclonedds" and find_spec("rclpy") is not None:
         return "rclpy"
     if spec.way == "rclpy":
-        raise UserError("ros.way = rclpy: it cannot be imported here; source a ROS 2, or use ros.way: cyclonedds")
+        raise UserError("ros.way = rclpy: rclpy is not installed; source a ROS 2, or use ros.way: cyclonedds")
     if ROS2.missing:
-        raise UserError(f"ros: neither rclpy (source a ROS 2) nor cyclonedds is here; {ROS2.pip_line}")
+        raise UserError(f"ros: neither rclpy nor cyclonedds is installed; source a ROS 2, or {ROS2.pip_line}")
     return "cyclonedds"
 
 
 def check_ros() -> DoctorFinding:
     """Report how `--ros` would connect to ROS 2; ROS 1 has no requirements."""
     sourced = os.environ.get("ROS_DISTRO", "")
-    named = f" of ROS 2 {sourced}" if sourced else ""
+    distribution = f" of ROS 2 {sourced}" if sourced else ""
     try:
         way = ros2_way(RosSpec())
     except UserError:
         return DoctorFinding("ROS 2", OK, "neither rclpy nor cyclonedds (only for `--ros`)", ROS2.pip_line)
     if way == "cyclonedds":
-        return DoctorFinding("ROS 2", OK, "cyclonedds; no rclpy is sourced for this Python")
+        return DoctorFinding("ROS 2", OK, "cyclonedds; this Python has no rclpy")
     if (problem := rclpy_problem()) is None:
-        return DoctorFinding("ROS 2", OK, f"rclpy{named}")
+        return DoctorFinding("ROS 2", OK, f"rclpy{distribution}")
     instead = ROS2.pip_line if ROS2.missing else "cyclonedds is used instead; or run xitl in the Python of that ROS"
     level = WARNING if ROS2.missing else OK
-    return DoctorFinding("ROS 2", level, f"rclpy{named} cannot be imported ({problem})", instead)
+    return DoctorFinding("ROS 2", level, f"rclpy{distribution} cannot be imported ({problem})", instead)

@@ -1,6 +1,7 @@
-"""The topics of ROS that a run has: names, types, QoS and meanings, declared once.
+"""The ROS topics of a run: names, types, QoS and meanings, and the changes and user topics of `ros.topics`.
 
-From OUTPUTS come what is published live and written into bags, and the table of docs/ros.md (`make pages`).
+OUTPUTS is the source of live topics, of topics in bags, and of the table in docs/ros.md (`make pages`). A user topic
+has `of`, a topic of the recording. It is a field of this topic, or all of it.
 """
 
 from __future__ import annotations
@@ -17,44 +18,46 @@ from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 from xitl_cli.record.topics import TOPICS
 
 QosKind = Literal["sensor", "latched", "clock"]
-"""sensor: reliable, volatile; latched: reliable, transient local, the last one; clock: as sensor."""
+"""sensor: reliable, volatile. latched: reliable, transient local, only the last message. clock: as sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosTopic:
-    """One topic. `name` without namespace and vessel: `imu/data`; with a slash before it, it is the same for all.
-
-    type: as ROS 2 writes it, `sensor_msgs/msg/Imu`. sources: topics of the recording that it is made from. A name with
-    a part in braces stands for one each. called: what it is called instead.
-    """
+    """One topic."""
 
     name: str
+    """Name without namespace and vessel, `imu/data`. A leading slash: one topic for all vessels. A part in braces
+    stands for several names.
+    """
     type: str
+    """Type in the notation of ROS 2, `sensor_msgs/msg/Imu`."""
     rate: str
     frame: str
     meaning: str
     sources: tuple[str, ...] = ()
+    """Topics of the recording that it is made from."""
     qos: QosKind = "sensor"
     called: str = ""
+    """Name from the profile that replaces `name`."""
 
     @property
     def of_all(self) -> bool:
-        """There is one for all vessels."""
+        """True for one topic for all vessels."""
         return (self.called or self.name).startswith("/")
 
     def of(self, part: str) -> RosTopic:
-        """The one with `part` in place of the braces."""
+        """Return the topic with `part` in place of the braces."""
         before, _, rest = self.name.partition("{")
         return replace(self, name=before + part + rest.partition("}")[2])
 
     def full_name(self, vessel: str = "", namespace: str = "") -> str:
-        """With namespace and vessel: `/harbour/alpha/imu/data`. Topics of all vessels have neither."""
+        """Return the name with namespace and vessel: `/harbour/alpha/imu/data`. Topics for all vessels have neither."""
         name = self.called or self.name
         return name if self.of_all else ros_name(namespace, vessel, name)
 
 
 def ros_name(*parts: str) -> str:
-    """A whole name, as `/harbour/alpha/imu/data`, of namespace, vessel and topic, of which any may be empty."""
+    """Return `/harbour/alpha/imu/data` from namespace, vessel and topic. Each of them may be empty."""
     return "/" + "/".join(part.strip("/") for part in parts if part.strip("/"))
 
 
@@ -116,8 +119,8 @@ _TABLE = (
              "velocity of the water at the vessel in ENU, m/s", (ENVIRONMENT,)),
     RosTopic("thrusters/{thruster}/state", "sensor_msgs/msg/JointState", "10 Hz", "",
              "`left` and `right`, or `propeller_0` …, and `rudder_0` …: position is the angle of gear or "
-             "rudder in rad, counter-clockwise seen from above; velocity is that of the shaft in rad/s, "
-             "NaN if the vehicle file lacks it; effort is the thrust at rest in N", (TRUE_STATE,)),
+             "rudder in rad, counter-clockwise seen from above; velocity is the speed of the shaft in "
+             "rad/s, NaN if the vehicle file does not define it; effort is the thrust at rest in N", (TRUE_STATE,)),
     RosTopic("joint_states", "sensor_msgs/msg/JointState", "10 Hz, with gears or rudders", "",
              "angles of gears and rudders by the joints of the robot description", (TRUE_STATE,)),
     RosTopic("battery", "sensor_msgs/msg/BatteryState", "as the autopilot sends it", "",
@@ -180,13 +183,13 @@ def named_topics(spec: RosSpec) -> dict[str, RosTopic]:
         if known is None:
             close = difflib.get_close_matches(name, OUTPUTS, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(OUTPUTS)}"
-            raise UserError(f"{path} is no topic that a run has; {hint} One of your own has `of`")
-        given = [key for key in ("type", "message", "field") if getattr(asked, key) is not None]
-        if given:
-            raise UserError(f"{path}.{given[0]} is of a topic of your own; say `of` which recorded topic it is")
+            raise UserError(f"{path} is not a topic of a run; {hint} A topic of your own needs `of`")
+        for key in ("type", "message", "field"):
+            if getattr(asked, key) is not None:
+                raise UserError(f"{path}.{key} is for a topic of your own; name its recorded topic with `of`")
         if asked.name is not None:
             if "{" in known:
-                raise UserError(f"{path}.name: one of several is not called otherwise; leave it out")
+                raise UserError(f"{path}.name: a topic with several instances cannot be renamed; omit this key")
             named[known] = replace(OUTPUTS[known], called=_checked_name(path, asked.name))
     return named
 
@@ -204,14 +207,14 @@ def check_topics(spec: RosSpec) -> None:
     seen: set[str] = set()
     for topic in topics:
         if (name := topic.full_name()) in seen:
-            raise UserError(f"ros.topics.{topic.name}: {name} is there already; call one of them otherwise")
+            raise UserError(f"ros.topics.{topic.name}: {name} already exists; rename one of the two")
         seen.add(name)
 
 
 def _user_topic(name: str, asked: RosTopicSpec) -> UserTopic:
     path = f"ros.topics.{name}"
     if _pattern(name) is not None:
-        raise UserError(f"{path} is a topic that a run has; leave out `of`, or take another name")
+        raise UserError(f"{path} is a topic of every run; omit `of`, or choose another name")
     called = _checked_name(path, asked.name or name)
     source = asked.of or ""
     meaning = f"`{source}` {asked.message or ''} {asked.field or 'as it is recorded'}"
@@ -220,19 +223,21 @@ def _user_topic(name: str, asked: RosTopicSpec) -> UserTopic:
         if number is None:
             close = difflib.get_close_matches(asked.message, _MAVLINK, n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
-            raise UserError(f"{path}.message = {asked.message!r} is no message of MAVLink that is known here{hint}")
+            raise UserError(f"{path}.message = {asked.message!r} is not a known MAVLink message{hint}")
         fields = dialect.mavlink_map[number].fieldnames
         type_name, read = _field(path, asked, fields)
         return UserTopic(RosTopic(name, type_name, "each", "", meaning, (source,), called=called), source, number, read)
     recorded = TOPICS.get(LINK_NAME.sub(r"/link/{link}/\1", source))
     if recorded is None or recorded.fields is None:
         known = ", ".join(topic.name for topic in TOPICS.values() if topic.fields is not None)
-        raise UserError(f"{path}.of = {source!r} is no message of ours in a recording; use {known}")
+        raise UserError(f"{path}.of = {source!r} is not a recorded topic of xitl; use {known}")
     if asked.message is not None:
-        raise UserError(f"{path}.message is of the frames of a link; use of: /link/agent/rx, or leave it out")
+        raise UserError(f"{path}.message is for the frames of a link; use of: /link/agent/rx, or omit it")
     if asked.field is None:
         if asked.type not in (None, recorded.schema):
-            raise UserError(f"{path}.type = {asked.type!r}: all of {source} is {recorded.schema}; name a field of it")
+            raise UserError(
+                f"{path}.type = {asked.type!r}: {source} has the type {recorded.schema}; for another type, name a field"
+            )
         topic = RosTopic(name, recorded.schema, recorded.rate, "", meaning, (source,), called=called)
         return UserTopic(topic, source, None, None)
     fields = ["header", "child_frame_id", "pose", "twist"]
@@ -247,14 +252,14 @@ def _user_topic(name: str, asked: RosTopicSpec) -> UserTopic:
 def _field(path: str, asked: RosTopicSpec, fields: list[str]) -> tuple[str, Callable[[Any], Any]]:
     """Return type and reader of a field. Raises UserError."""
     if asked.field is None:
-        raise UserError(f"{path}: names no field; use field: {', '.join(fields)}")
+        raise UserError(f"{path}: needs a field; use field: {', '.join(fields)}")
     type_name = asked.type or "std_msgs/msg/Float64"
     kind = TYPES.get(type_name)
     if kind is None:
-        raise UserError(f"{path}.type = {type_name!r} is none that a field can be; use {', '.join(TYPES)}")
+        raise UserError(f"{path}.type = {type_name!r} is not a type for a field; use {', '.join(TYPES)}")
     steps = [_STEP.fullmatch(step) for step in asked.field.split(".")]
     if not all(steps) or steps[0] is None or steps[0][1] not in fields:
-        raise UserError(f"{path}.field = {asked.field!r} is none of {asked.of}; use {', '.join(fields)}")
+        raise UserError(f"{path}.field = {asked.field!r} is not a field of {asked.of}; use {', '.join(fields)}")
     ways = [(step[1], [int(index) for index in re.findall(r"\d+", step[2])]) for step in steps if step is not None]
 
     def read(message: Any) -> Any:
@@ -281,5 +286,5 @@ def _pattern(name: str) -> str | None:
 
 def _checked_name(path: str, name: str) -> str:
     if not _NAME.fullmatch(name):
-        raise UserError(f"{path}.name = {name!r} is no name of ROS; use letters, digits, _ and /, a letter first")
+        raise UserError(f"{path}.name = {name!r} is not a name of ROS; use letters, digits, _ and /, a letter first")
     return name

@@ -13,8 +13,8 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from xitl_cli.errors import UserError
@@ -34,7 +34,7 @@ ANSWER_S = 5.0
 
 
 class Publisher:
-    """Publisher of one topic. send: takes CDR. rate_hz: largest rate in simulation time; None: every message."""
+    """Publisher of one topic. send: publishes CDR. rate_hz: limit in simulation time; None for every message."""
 
     def __init__(self, name: str, send: Callable[[bytes], object], rate_hz: float | None) -> None:
         self.name, self.send = name, send
@@ -52,10 +52,6 @@ class Publisher:
         return True
 
 
-def _discard(cdr: bytes) -> None:
-    """Discard messages of a topic that the profile excludes."""
-
-
 class RosBridge:
     """Bridge between the pipe and one middleware."""
 
@@ -66,9 +62,9 @@ class RosBridge:
         self._channels: dict[int, str] = {}
         self._published: Counter[str] = Counter()
         self._requests = itertools.count(1)
-        self._answers: dict[int, tuple[threading.Event, list[str | None]]] = {}
+        self._answers: dict[int, Future[str | None]] = {}
         self._over = threading.Event()
-        self._told_s = 0.0
+        self._reported_s = 0.0
         self._conversion = RosConversion(start.profiles)
         self._publishers: dict[tuple[RosTopic, str], Publisher] = {}
         for topic, vessel in self._conversion.topics():
@@ -78,23 +74,22 @@ class RosBridge:
             self._publish(message)
         self._inputs: RosInputs | None = None
         if start.operated:
-            tell = partial(self._send_up, "problem")
             self._inputs = RosInputs(
                 start.profiles,
                 middleware,
                 self.ask,
-                self.hope,
-                self._on_ready,
-                tell,
+                self.post,
+                lambda node, stamp_ns: pipe.send({"ready": {"node": node, "stamp_ns": stamp_ns}}),
+                lambda problem: pipe.send({"problem": problem}),
                 odom_in_map=self._conversion.odom_in_map,
             )
 
-    def meet_others(self) -> None:
+    def await_discovery(self) -> None:
         """Wait until existing nodes can discover the bridge, so that they receive all messages from the first on."""
         until_s = time.monotonic() + DISCOVERY_S
         while time.monotonic() < until_s:
             self._middleware.spin(SPIN_S)
-        self._tell()
+        self._report()
 
     def run(self, messages: Iterable[Any]) -> None:
         """Run until the run ends or disconnects. messages: already received ones."""
@@ -105,9 +100,9 @@ class RosBridge:
                 self._middleware.spin(SPIN_S)
                 if self._inputs is not None:
                     self._inputs.flush()
-                self._tell()
+                self._report()
             reader.join(ANSWER_S)
-            self._tell(last=True)
+            self._report(last=True)
             while self._pipe.waiting_bytes:
                 self._pipe.receive(SPIN_S)
         except PipeClosedError:
@@ -117,24 +112,18 @@ class RosBridge:
 
     def ask(self, action: Mapping[str, Any]) -> str | None:
         """Request an action of the run. Return the refusal, None for none. Called from the middleware's handlers."""
-        number, answered = next(self._requests), threading.Event()
-        refusal: list[str | None] = []
-        self._answers[number] = answered, refusal
+        number, answer = next(self._requests), Future[str | None]()
+        self._answers[number] = answer
         self._pipe.send({"action": dict(action), "request": number})
-        if not answered.wait(ANSWER_S):
+        try:
+            return answer.result(ANSWER_S)
+        except TimeoutError:
             self._answers.pop(number, None)
-            return f"the run did not look within {ANSWER_S:g} s"
-        return refusal[0]
+            return f"the run did not answer within {ANSWER_S:g} s"
 
-    def hope(self, action: Mapping[str, Any]) -> None:
-        """Request an action without waiting: the run counts and reports a refusal."""
+    def post(self, action: Mapping[str, Any]) -> None:
+        """Request an action without waiting. The run counts and reports a refusal."""
         self._pipe.send({"action": dict(action)})
-
-    def _on_ready(self, node: str, stamp_ns: int) -> None:
-        self._send_up("ready", {"node": node, "stamp_ns": stamp_ns})
-
-    def _send_up(self, key: str, value: Any) -> None:
-        self._pipe.send({key: value})
 
     # In the thread of the pipe
 
@@ -142,41 +131,33 @@ class RosBridge:
         try:
             while not self._over.is_set():
                 for message in messages:
-                    self._take_in(message)
+                    self._handle(message)
                 messages = self._pipe.receive(SPIN_S)
         except PipeClosedError:
             self._over.set()
 
-    def _take_in(self, message: Any) -> None:
+    def _handle(self, message: Any) -> None:
         if isinstance(message, RosBatch):
-            self._publish_batch(message)
+            for number, stamp_ns, payload in message.messages:
+                if self._inputs is not None:
+                    self._inputs.recorded(self._channels[number], payload)
+                for converted in self._conversion.convert(self._channels[number], payload, stamp_ns):
+                    self._publish(converted)
         elif isinstance(message, RosChannel):
             self._channels[message.number] = message.topic
         elif isinstance(message, RosAnswer):
-            self._on_answer(message)
+            if message.request is not None:
+                answer = self._answers.pop(message.request, None)
+                if answer is not None:
+                    answer.set_result(message.refusal)
+            elif self._inputs is not None and message.refusal is not None:
+                self._inputs.refused_by_run(message.refusal)
         elif isinstance(message, RosClockAgain):
             if self._clock is not None:
                 publisher, cdr = self._clock
                 publisher.send(cdr)
         elif isinstance(message, RosEnd):
             self._over.set()
-
-    def _on_answer(self, answer: RosAnswer) -> None:
-        if answer.request is None:
-            if self._inputs is not None and answer.refusal is not None:
-                self._inputs.refused_by_run(answer.refusal)
-            return
-        answered, refusal = self._answers.pop(answer.request, (None, []))
-        refusal.append(answer.refusal)
-        if answered is not None:
-            answered.set()
-
-    def _publish_batch(self, batch: RosBatch) -> None:
-        for number, stamp_ns, payload in batch.messages:
-            if self._inputs is not None:
-                self._inputs.recorded(self._channels[number], payload)
-            for message in self._conversion.convert(self._channels[number], payload, stamp_ns):
-                self._publish(message)
 
     def _publish(self, message: RosMessage) -> None:
         publisher = self._publisher(message.topic, message.vessel)
@@ -187,23 +168,24 @@ class RosBridge:
             self._published[publisher.name] += 1
 
     def _publisher(self, topic: RosTopic, vessel: str) -> Publisher:
-        found = self._publishers.get((topic, vessel))
-        if found is None:
+        publisher = self._publishers.get((topic, vessel))
+        if publisher is None:
             asked = self._spec.topics.get(topic.name, RosTopicSpec())
             name = topic.full_name(vessel, self._spec.namespace)
-            send: Callable[[bytes], object] = _discard
             if asked.publish:
                 qos = qos_with(replace(QOS[topic.qos], depth=QOS[topic.qos].depth or self._spec.depth), asked)
-                send = self._middleware.advertise(name, topic.type, qos)
-            found = self._publishers[topic, vessel] = Publisher(name, send, asked.rate_hz if asked.publish else 0.0)
-        return found
+                publisher = Publisher(name, self._middleware.advertise(name, topic.type, qos), asked.rate_hz)
+            else:
+                publisher = Publisher(name, lambda cdr: None, 0.0)
+            self._publishers[topic, vessel] = publisher
+        return publisher
 
-    def _tell(self, last: bool = False) -> None:
+    def _report(self, last: bool = False) -> None:
         for problem in self._middleware.problems():
             self._pipe.send({"problem": problem})
         now_s = time.monotonic()
-        if last or now_s - self._told_s >= COUNTS_S:
-            self._told_s = now_s
+        if last or now_s - self._reported_s >= COUNTS_S:
+            self._reported_s = now_s
             losses = self._middleware.losses()
             counts = {"published": self._published, "not_read": losses.dropped, "refused_peers": losses.refused}
             if (inputs := self._inputs) is not None:
@@ -222,7 +204,7 @@ def main(arguments: list[str]) -> None:
         except UserError as error:
             pipe.send({"failed": str(error)})
             return
-        bridge.meet_others()
+        bridge.await_discovery()
         pipe.send({"opened": middleware.name})
         bridge.run(rest)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import rclpy
@@ -25,7 +25,7 @@ from xitl_cli.plugins.ros.discovery import (
     full_node_name,
 )
 from xitl_cli.plugins.ros.middleware import (
-    LOOK_S,
+    CHECK_S,
     NODE_NAME,
     MiddlewareLosses,
     QosProfile,
@@ -53,8 +53,8 @@ class RclpyMiddleware:
         self._published: list[str] = []
         self._types: dict[str, str] = {}
         self._shared: set[str] = set()
-        self._next_look_s = 0.0
-        self._told: set[tuple[str, str]] = set()
+        self._next_check_s = 0.0
+        self._reported: set[tuple[str, str]] = set()
         implementation = rclpy.get_rmw_implementation_identifier()
         distribution = os.environ.get("ROS_DISTRO", "")
         self.name = f"rclpy {distribution} ({implementation}), domain {self._context.get_domain_id()}, {reach}"
@@ -72,7 +72,7 @@ class RclpyMiddleware:
         publish: Callable[[bytes], None] = publisher.publish
         return publish
 
-    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, handle: Callable[[bytes], None]) -> None:
         """See Middleware."""
         kind = self._type_of(topic, type_name)
         if kind is None:
@@ -82,11 +82,11 @@ class RclpyMiddleware:
         )
         self._types[topic] = type_name
 
-        def take_checked(cdr: bytes, about: Mapping[str, Any]) -> None:
+        def handle_checked(cdr: bytes, about: Mapping[str, Any]) -> None:
             if self._commanders.admit(topic, self._sender(topic, about)):
-                take(cdr)
+                handle(cdr)
 
-        callback = take if self._commanders.everyone else take_checked
+        callback = handle if self._commanders.everyone else handle_checked
         self._node.create_subscription(kind, topic, callback, _qos(qos), event_callbacks=events, raw=True)
 
     def serve(self, service: str, type_name: str, answer: Callable[[bytes], bytes]) -> None:
@@ -117,24 +117,24 @@ class RclpyMiddleware:
         problems, self._problems = self._problems, []
         problems += self._commanders.problems()
         now_s = time.monotonic()
-        if now_s >= self._next_look_s:
-            self._next_look_s = now_s + LOOK_S
-            others = [topic for topic in self._published if topic not in self._shared and self._is_shared(topic)]
+        if now_s >= self._next_check_s:
+            self._next_check_s = now_s + CHECK_S
+            # Topics that other nodes publish too
+            unshared = [topic for topic in self._published if topic not in self._shared]
+            others = [topic for topic in unshared if self._node.count_publishers(topic) > 1]
             self._shared.update(others)
             if others:
                 problems.append(others_text(others, f"in domain {self._context.get_domain_id()}"))
-            problems.extend(self._other_types())
+            # Topics that other nodes use with another type
+            for topic, kinds in self._node.get_topic_names_and_types():
+                if topic not in self._types:
+                    continue
+                ours = self._types[topic]
+                for theirs in kinds:
+                    if theirs != ours and (topic, theirs) not in self._reported:
+                        self._reported.add((topic, theirs))
+                        problems.append(type_text(topic, ours, theirs))
         return problems
-
-    def _other_types(self) -> Iterator[str]:
-        for topic, kinds in self._node.get_topic_names_and_types():
-            ours = self._types.get(topic)
-            if ours is None:
-                continue
-            for theirs in kinds:
-                if theirs != ours and (topic, theirs) not in self._told:
-                    self._told.add((topic, theirs))
-                    yield type_text(topic, ours, theirs)
 
     def _sender(self, topic: str, about: Mapping[str, Any]) -> str | None:
         """Return the full name of the node that sent a message. Since Kilted, rclpy reports its GID.
@@ -154,7 +154,7 @@ class RclpyMiddleware:
     def _unlisted(self, topic: str, no_mangle: bool = False) -> str | None:
         """Return a publisher without permission to command, else any other publisher, else None."""
         endpoints = self._node.get_publishers_info_by_topic(topic, no_mangle)
-        names = [full_node_name(one.node_namespace, one.node_name) for one in endpoints]
+        names = [full_node_name(endpoint.node_namespace, endpoint.node_name) for endpoint in endpoints]
         return min(names, key=self._commanders.listed, default=None)
 
     def _type_of(self, name: str, type_name: str) -> Any:
@@ -162,12 +162,8 @@ class RclpyMiddleware:
         try:
             return message_type(type_name)
         except UserError as error:
-            self._problems.append(f"ros: {name} is left out: {error}")
+            self._problems.append(f"ros: {name} is omitted: {error}")
             return None
-
-    def _is_shared(self, topic: str) -> bool:
-        shared: bool = self._node.count_publishers(topic) > 1
-        return shared
 
     def close(self) -> None:
         """See Middleware."""
@@ -179,8 +175,8 @@ class RclpyMiddleware:
     def _mismatch(self, topic: str, qos: QosProfile, offers: bool) -> Callable[[Any], None]:
         def note(event: Any) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
-            if (topic, policy) not in self._told:
-                self._told.add((topic, policy))
+            if (topic, policy) not in self._reported:
+                self._reported.add((topic, policy))
                 self._problems.append(mismatch_text(topic, policy, qos, offers))
 
         return note
@@ -192,7 +188,7 @@ def message_type(type_name: str) -> Any:
     try:
         return getattr(importlib.import_module(f"{package}.{kind}"), name)
     except (ImportError, AttributeError) as error:
-        raise UserError(f"{type_name}: is not in the ROS that is sourced; install its package {package}") from error
+        raise UserError(f"the sourced ROS has no type {type_name}; install its package {package}") from error
 
 
 def _qos(qos: QosProfile) -> QoSProfile:

@@ -6,18 +6,24 @@ Hulls are boxes and cylinders, because a remote viewer cannot read a mesh file o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
 from sim_core.frames import quat_to_euler
-from sim_core.vessel.spec import DemiHull, Propeller, VesselSpec
-from xitl_cli.plugins.ros.frames import FixedFrame, Quaternion, Vector, flu, flu_turn, frame_name, sensor_frames
+from sim_core.vessel.spec import Propeller, VesselSpec
+from xitl_cli.plugins.ros.frames import FixedFrame, Vector, flu, flu_turn, frame_name, sensor_frames
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import VESSEL_FRAME
-from xitl_cli.replay.thruster_topics import thruster_names
+from xitl_cli.replay.thrust_log import thruster_names
+
+_WHITE, _DARK, _SENSOR = "0.92 0.93 0.95 1", "0.2 0.22 0.25 1", "0.1 0.4 0.7 1"
+_SENSOR_M = 0.03
+_GUESS_SHARE = {"air": 0.25, "water": 0.08}
+"""Diameter of a propeller without one in its data, as a share of the vessel's length."""
+_ANY_EFFORT, _ANY_RATE = "0", "0"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +67,24 @@ class ThrusterState:
 
 
 def thrusters_of(vehicle: VesselSpec) -> tuple[ThrusterLink, ...]:
-    """Return propellers in their order, then rudders."""
-    return (*_propellers(vehicle), *_rudders(vehicle))
+    """Return propellers in their order, then rudders.
+
+    A gear turns the thrust to port, counter-clockwise, for the bow to go to starboard.
+    """
+    links: list[ThrusterLink] = []
+    angles = iter(range(len(vehicle.propellers), vehicle.own_commands))
+    for number, (name, propeller) in enumerate(zip(thruster_names(vehicle), vehicle.propellers, strict=True)):
+        turn = flu_turn(0.0, 0.0, math.radians(propeller.angle_deg))
+        frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(propeller.position_frd_m), turn)
+        gear = propeller.steering
+        limit_rad = 0.0 if gear is None else math.radians(gear.max_angle_deg)
+        links.append(ThrusterLink(name, frame, propeller, number, None if gear is None else next(angles), limit_rad))
+    first = vehicle.own_commands - len(vehicle.rudders)
+    for number, rudder in enumerate(vehicle.rudders):
+        name = f"rudder_{number}"
+        frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(rudder.position_frd_m))
+        links.append(ThrusterLink(name, frame, None, None, first + number, math.radians(rudder.max_angle_deg)))
+    return tuple(links)
 
 
 def state_of(thruster: ThrusterLink, rotor: Sequence[float], water_density_kgpm3: float) -> ThrusterState:
@@ -77,40 +99,28 @@ def state_of(thruster: ThrusterLink, rotor: Sequence[float], water_density_kgpm3
     return ThrusterState(angle_rad, speed_radps, share * abs(share) * (ahead_n if share > 0.0 else astern_n))
 
 
-def _propellers(vehicle: VesselSpec) -> Iterator[ThrusterLink]:
-    """Yield propellers. A gear turns the thrust to port, counter-clockwise, for the bow to go to starboard."""
-    angles = iter(range(len(vehicle.propellers), vehicle.own_commands))
-    for number, (name, propeller) in enumerate(zip(thruster_names(vehicle), vehicle.propellers, strict=True)):
-        turn = flu_turn(0.0, 0.0, math.radians(propeller.angle_deg))
-        frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(propeller.position_frd_m), turn)
-        gear = propeller.steering
-        limit_rad = 0.0 if gear is None else math.radians(gear.max_angle_deg)
-        yield ThrusterLink(name, frame, propeller, number, None if gear is None else next(angles), limit_rad)
-
-
-def _rudders(vehicle: VesselSpec) -> Iterator[ThrusterLink]:
-    first = vehicle.own_commands - len(vehicle.rudders)
-    for number, rudder in enumerate(vehicle.rudders):
-        name = f"rudder_{number}"
-        frame = FixedFrame(VESSEL_FRAME, f"{name}_link", flu(rudder.position_frd_m))
-        yield ThrusterLink(name, frame, None, None, first + number, math.radians(rudder.max_angle_deg))
-
-
-_WHITE, _DARK, _SENSOR = "0.92 0.93 0.95 1", "0.2 0.22 0.25 1", "0.1 0.4 0.7 1"
-_SENSOR_M = 0.03
-_GUESS_SHARE = {"air": 0.25, "water": 0.08}
-"""Diameter of a propeller without one in its data, as a share of the vessel's length."""
-_ANY_EFFORT, _ANY_RATE = "0", "0"
-
-
 def make_robot_description(profile: RunProfile) -> str:
     """Return the XML of the vessel. With several vessels, links and joints have its name."""
     vehicle, vessel = profile.vehicle, profile.vessel
     robot = Element("robot", name=vessel or vehicle.name.replace(" ", "_"))
     base = SubElement(robot, "link", name=frame_name(VESSEL_FRAME, vessel))
-    _inertial(base, vehicle)
+    # Products of inertia with one reversed axis change sign
+    inertial = SubElement(base, "inertial")
+    SubElement(inertial, "origin", xyz=_numbers(flu(vehicle.centre_of_gravity_frd_m)), rpy="0 0 0")
+    SubElement(inertial, "mass", value=_number(vehicle.mass_kg))
+    ixx, iyy, izz = vehicle.inertia_kgm2
+    ixy, ixz, iyz = vehicle.inertia_products_kgm2
+    entries = {"ixx": ixx, "ixy": ixy, "ixz": ixz, "iyy": iyy, "iyz": -iyz, "izz": izz}
+    SubElement(inertial, "inertia", {name: _number(value) for name, value in entries.items()})
     for hull in vehicle.demi_hulls:
-        _hull(base, hull)
+        forward, left, up = flu(hull.keel_frd_m)
+        middle = (forward, left, up + 0.5 * hull.height_m)
+        if hull.prismatic and hull.section is not None and hull.section.radius_m is not None:
+            size = {"radius": _number(hull.section.radius_m), "length": _number(hull.length_m)}
+            _shape(base, "cylinder", size, middle, (0.0, 0.5 * math.pi, 0.0), _WHITE)
+        else:
+            size = {"size": _numbers((hull.length_m, hull.width_m, hull.height_m))}
+            _shape(base, "box", size, middle, (0.0, 0.0, 0.0), _WHITE)
     for thruster in thrusters_of(vehicle):
         _thruster(robot, thruster, vehicle, vessel)
     for frame in sensor_frames(profile):
@@ -119,28 +129,6 @@ def make_robot_description(profile: RunProfile) -> str:
         _joint(robot, "fixed", frame.name.replace("_link", "_joint"), frame, vessel)
     indent(robot)
     return '<?xml version="1.0"?>\n' + tostring(robot, encoding="unicode") + "\n"
-
-
-def _inertial(link: Element, vehicle: VesselSpec) -> None:
-    """Add the inertia. Products of inertia with one reversed axis change sign."""
-    inertial = SubElement(link, "inertial")
-    SubElement(inertial, "origin", xyz=_numbers(flu(vehicle.centre_of_gravity_frd_m)), rpy="0 0 0")
-    SubElement(inertial, "mass", value=_number(vehicle.mass_kg))
-    ixx, iyy, izz = vehicle.inertia_kgm2
-    ixy, ixz, iyz = vehicle.inertia_products_kgm2
-    entries = {"ixx": ixx, "ixy": ixy, "ixz": ixz, "iyy": iyy, "iyz": -iyz, "izz": izz}
-    SubElement(inertial, "inertia", {name: _number(value) for name, value in entries.items()})
-
-
-def _hull(link: Element, hull: DemiHull) -> None:
-    forward, left, up = flu(hull.keel_frd_m)
-    middle = (forward, left, up + 0.5 * hull.height_m)
-    if hull.prismatic and hull.section is not None and hull.section.radius_m is not None:
-        size = {"radius": _number(hull.section.radius_m), "length": _number(hull.length_m)}
-        _shape(link, "cylinder", size, middle, (0.0, 0.5 * math.pi, 0.0), _WHITE)
-    else:
-        size = {"size": _numbers((hull.length_m, hull.width_m, hull.height_m))}
-        _shape(link, "box", size, middle, (0.0, 0.0, 0.0), _WHITE)
 
 
 def _thruster(robot: Element, thruster: ThrusterLink, vehicle: VesselSpec, vessel: str) -> None:
@@ -168,7 +156,9 @@ def _joint(robot: Element, kind: str, name: str, frame: FixedFrame, vessel: str)
     joint = SubElement(robot, "joint", name=frame_name(name, vessel), type=kind)
     SubElement(joint, "parent", link=frame_name(frame.parent, vessel))
     SubElement(joint, "child", link=frame_name(frame.name, vessel))
-    SubElement(joint, "origin", xyz=_numbers(frame.position_m), rpy=_numbers(_euler(frame.turn)))
+    x, y, z, w = frame.turn
+    roll, pitch, yaw = quat_to_euler(np.array([w, x, y, z])).tolist()  # about fixed axes, as in URDF
+    SubElement(joint, "origin", xyz=_numbers(frame.position_m), rpy=_numbers((roll, pitch, yaw)))
     return joint
 
 
@@ -182,13 +172,6 @@ def _shape(
         SubElement(SubElement(part, "geometry"), kind, size)
         if role == "visual":
             SubElement(SubElement(part, "material", name=f"colour {colour}"), "color", rgba=colour)
-
-
-def _euler(turn: Quaternion) -> Vector:
-    """Return roll, pitch and yaw about fixed axes, as in URDF."""
-    x, y, z, w = turn
-    roll, pitch, yaw = quat_to_euler(np.array([w, x, y, z])).tolist()
-    return roll, pitch, yaw
 
 
 def _number(value: float) -> str:

@@ -8,7 +8,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 from rosbags.serde import SerdeError
@@ -52,27 +54,21 @@ def ros1_type(type_name: str) -> Ros1Type:
     return Ros1Type(ros1_name(type_name), md5, definition)
 
 
+MALFORMED: tuple[Any, ...] = (SerdeError, ValueError, IndexError, AssertionError)
+"""Errors of rosbags for invalid data."""
+
+
 class PeerConnection:
-    """A connection to the node's port. idle_since_s: start of the peer's silence; None while it waits for an answer."""
+    """A connection to the node's port."""
 
     def __init__(self, end: socket.socket, host: str, port: int) -> None:
         self.end, self.host = end, host
         self.name = f"{host}:{port}"
         self.idle_since_s: float | None = time.monotonic()
+        """Start of the peer's silence; None while it waits for an answer."""
 
     def close(self) -> None:
         shut(self.end)
-
-
-class ServiceCall:
-    """A request that waits for its answer."""
-
-    def __init__(self, request: bytes) -> None:
-        self.request = request
-        self.answered = threading.Event()
-        self.given_up = False
-        self.response: bytes | None = None
-        self.error = "nobody answered in time"
 
 
 class OfferedService:
@@ -138,15 +134,22 @@ class TcprosMiddleware:
 
         return publish
 
-    def subscribe(self, topic: str, type_name: str, qos: QosProfile, take: Callable[[bytes], None]) -> None:
+    def subscribe(self, topic: str, type_name: str, qos: QosProfile, handle: Callable[[bytes], None]) -> None:
         """See Middleware. If more than `qos.depth` messages wait, the oldest are dropped and counted."""
         waiting: deque[bytes] = deque()
 
-        def handle() -> None:
+        def deliver() -> None:
             with self._arrived:
                 data = waiting.popleft() if waiting else None
-            if data is not None:
-                self._handle(topic, type_name, data, take)
+            if data is None:
+                return
+            try:
+                cdr = from_ros1(data, type_name)
+            except MALFORMED:
+                text = f"{topic}: a message of {len(data)} bytes is not a valid {ros1_name(type_name)}"
+                self._notes.refuse(topic, text)
+                return
+            handle(cdr)
 
         def arrive(data: bytes) -> None:
             with self._arrived:
@@ -155,7 +158,7 @@ class TcprosMiddleware:
                     waiting.popleft()
                     self._notes.drop(topic)
                 else:
-                    self._inbox.append(handle)
+                    self._inbox.append(deliver)
                 self._arrived.notify()
 
         kind = ros1_type(type_name)
@@ -176,8 +179,8 @@ class TcprosMiddleware:
             self._arrived.wait_for(lambda: self._inbox, timeout_s)
             due = list(self._inbox)
             self._inbox.clear()
-        for handle in due:
-            handle()
+        for deliver in due:
+            deliver()
 
     def problems(self) -> list[str]:
         """See Middleware."""
@@ -195,14 +198,15 @@ class TcprosMiddleware:
     # Requests of the Slave API: see SlaveNode
 
     def publications(self) -> list[tuple[str, str]]:
-        return [(each.topic, each.kind.name) for each in tuple(self._publishers.values())]
+        return [(publisher.topic, publisher.kind.name) for publisher in tuple(self._publishers.values())]
 
     def subscriptions(self) -> list[tuple[str, str]]:
-        return [(each.topic, each.kind.name) for each in tuple(self._subscribers.values())]
+        return [(subscriber.topic, subscriber.kind.name) for subscriber in tuple(self._subscribers.values())]
 
     def connections(self) -> list[tuple[str, str, str]]:
-        out = [(peer, "o", each.topic) for each in tuple(self._publishers.values()) for peer in each.peers]
-        return out + [(peer, "i", each.topic) for each in tuple(self._subscribers.values()) for peer in each.peers]
+        publishers, subscribers = tuple(self._publishers.values()), tuple(self._subscribers.values())
+        out = [(peer, "o", publisher.topic) for publisher in publishers for peer in publisher.peers]
+        return out + [(peer, "i", subscriber.topic) for subscriber in subscribers for peer in subscriber.peers]
 
     def place_of(self, topic: str) -> tuple[str, int] | None:
         return (self._host, self.port) if topic in self._publishers else None
@@ -212,9 +216,8 @@ class TcprosMiddleware:
             self._subscribers[topic].set_publishers(uris)
 
     def asked_to_stop(self, reason: str) -> None:
-        self._notes.tell(
-            f"the ROS master has the node stop ({reason or 'no reason given'}); the run goes on without it"
-        )
+        why = reason or "no reason given"
+        self._notes.tell(f"the ROS master stopped the node ({why}); the run continues without it")
         self._closed = True
         self._registrar.stop(leave=False)
         self._stop_talking()
@@ -250,15 +253,15 @@ class TcprosMiddleware:
         """Return True if a connection of the host may be added; close the longest idle one to make room."""
         of_host = [peer for peer in tuple(self._connections) if peer.host == host]
         limits = ((of_host, MOST_OF_HOST, f" of {host}"), (list(self._connections), MOST_CONNECTIONS, ""))
-        for peers, most, whose in limits:
+        for peers, most, of in limits:
             if len(peers) < most:
                 continue
             idle = [(since_s, peer) for peer in peers if (since_s := peer.idle_since_s) is not None]
             if not idle:
-                self._notes.refuse("connections", f"more than {most} connections{whose} at once are refused")
+                self._notes.refuse("connections", f"more than {most} connections{of} at once are refused")
                 return False
-            _, longest = min(idle, key=lambda one: one[0])
-            text = f"more than {most} connections{whose} at once: that of {longest.name}, idle for longest, is closed"
+            _, longest = min(idle, key=itemgetter(0))
+            text = f"more than {most} connections{of} at once: the longest idle one, of {longest.name}, is closed"
             self._notes.refuse("connections", text)
             self._connections.discard(longest)
             longest.close()
@@ -278,7 +281,7 @@ class TcprosMiddleware:
                 self._connections.discard(peer)  # it now belongs to the publisher
                 return
             else:
-                raise TcprosError(f"it asked for the topic {topic!r}, which is not published here")
+                raise TcprosError(f"it requested the topic {topic!r}, which is not published here")
         except TcprosError as error:
             ours = (*self._publishers, *self._services)
             about = next((name for key in ("topic", "service") if (name := asked.get(key)) in ours), "connections")
@@ -294,10 +297,10 @@ class TcprosMiddleware:
         """Answer requests until the peer closes or is idle for too long; answer one if the peer requests no more."""
         service = self._services.get(asked["service"])
         if service is None:
-            raise TcprosError(f"it asked for the service {asked['service']!r}, which is not offered here")
+            raise TcprosError(f"it requested the service {asked['service']!r}, which is not offered here")
         kind = service.kind
         if asked.get("md5sum") not in (ANY, service.md5):
-            raise TcprosError(f"it called it as {asked.get('type', 'another type')}, it is {kind}")
+            raise TcprosError(f"it called the service as {asked.get('type', 'another type')}, but its type is {kind}")
         probe, persistent = (asked.get(key) == "1" for key in ("probe", "persistent"))
         if not probe and not self._commanders.listed(asked.get("callerid")):
             raise TcprosError(f"{asked.get('callerid', 'a node without a name')} is not in ros.commanders")
@@ -333,34 +336,27 @@ class TcprosMiddleware:
             peer.idle_since_s = None
 
     def _response(self, service: OfferedService, request: bytes) -> bytes:
-        """Return the response on the wire."""
-        waiting = ServiceCall(request)
+        """Return the response on the wire: a byte for success, then the response or an error."""
+        response = Future[bytes]()
         with self._arrived:
-            self._inbox.append(partial(self._answer, service, waiting))
+            self._inbox.append(partial(self._answer, service, request, response))
             self._arrived.notify()
-        waiting.given_up = not waiting.answered.wait(ANSWER_S)
-        response = waiting.response
-        good = response is not None
-        return bytes([good]) + block(waiting.error.encode() if response is None else response)
+        try:
+            return b"\1" + block(response.result(ANSWER_S))
+        except TimeoutError:
+            response.cancel()
+            text = "the run did not answer in time"
+        except TcprosError as error:
+            text = str(error)
+        return b"\0" + block(text.encode())
 
-    def _answer(self, service: OfferedService, waiting: ServiceCall) -> None:
-        if waiting.given_up:  # the peer has already received an error
+    def _answer(self, service: OfferedService, request: bytes, response: Future[bytes]) -> None:
+        """Answer a request; called by `spin`."""
+        if not response.set_running_or_notify_cancel():  # the peer has already received an error
             return
         try:
-            request = from_ros1(waiting.request, f"{service.type_name}_Request")
-            waiting.response = to_ros1(service.answer(request), f"{service.type_name}_Response")
+            answer = service.answer(from_ros1(request, f"{service.type_name}_Request"))
+            response.set_result(to_ros1(answer, f"{service.type_name}_Response"))
         except MALFORMED as error:
-            waiting.error = f"the request is none of {service.kind} ({type(error).__name__})"
-        finally:
-            waiting.answered.set()
-
-    def _handle(self, topic: str, type_name: str, data: bytes, take: Callable[[bytes], None]) -> None:
-        try:
-            cdr = from_ros1(data, type_name)
-        except MALFORMED:
-            self._notes.refuse(topic, f"{topic}: a message of {len(data)} bytes is none of {ros1_name(type_name)}")
-            return
-        take(cdr)
-
-
-MALFORMED: tuple[Any, ...] = (SerdeError, ValueError, IndexError, AssertionError)
+            text = f"the request is not a valid {service.kind} ({type(error).__name__})"
+            response.set_exception(TcprosError(text))

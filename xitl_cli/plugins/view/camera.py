@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xitl_cli.plugins.view.model import Array, VesselInstant, ViewInstant, ViewScene
+from xitl_cli.plugins.view.model import Array, ViewInstant, ViewScene
 
 if TYPE_CHECKING:
     import viser
@@ -74,7 +74,7 @@ def usual_pose(mode: str, length_m: float) -> CameraPose:
 
 
 @dataclass(slots=True)
-class _Looker:
+class _BrowserCamera:
     """The camera of one browser."""
 
     mode: str
@@ -122,30 +122,28 @@ class Cameras:
         self._scene = scene
         self._now_s = now_s
         self._names = list(scene.vessels) or [""]
-        self._lookers: dict[int, _Looker] = {}
+        self._cameras: dict[int, _BrowserCamera] = {}
         self._last_s: float | None = None
-        self._aim_at_start()
-        server.on_client_connect(self._join)
-        server.on_client_disconnect(self._leave)
-
-    def _aim_at_start(self) -> None:
-        camera = self._server.initial_camera
+        # Aim the initial camera along the first leg of the mission
+        camera = server.initial_camera
         camera.near, camera.far, camera.fov = NEAR_M, FAR_M, FIELD_OF_VIEW_RAD
         name = self._names[0]
-        vessel = self._scene.vessels.get(name)
+        vessel = scene.vessels.get(name)
         places = vessel.mission_enu_m if vessel is not None else np.empty((0, 3))
-        start = places[0] if len(places) else np.array([*self._scene.water.centre_en_m, self._scene.water.level_m])
+        start = places[0] if len(places) else np.array([*scene.water.centre_en_m, scene.water.level_m])
         ahead = places[1] - places[0] if len(places) > 1 else np.array([1.0, 0.0, 0.0])
         offset = usual_pose(FOLLOW, self._length_m(name)).offset_m(math.atan2(ahead[1], ahead[0]))
         camera.position, camera.look_at = tuple(start + offset), tuple(start)
+        server.on_client_connect(self._join)
+        server.on_client_disconnect(lambda client: self._cameras.pop(client.client_id, None))
 
     def _length_m(self, name: str) -> float:
         vessel = self._scene.vessels.get(name)
         return 2.0 if vessel is None else vessel.length_m
 
     def _join(self, client: Any) -> None:
-        looker = _Looker(FOLLOW, self._names[0], usual_pose(FOLLOW, self._length_m(self._names[0])))
-        self._lookers[client.client_id] = looker
+        follower = _BrowserCamera(FOLLOW, self._names[0], usual_pose(FOLLOW, self._length_m(self._names[0])))
+        self._cameras[client.client_id] = follower
         modes = client.gui.add_dropdown("Camera", MODES, initial_value=FOLLOW, order=1.0)
         subjects = None
         if len(self._names) > 1:
@@ -153,14 +151,11 @@ class Cameras:
 
         def choose(event: object) -> None:
             subject = self._names[0] if subjects is None else subjects.value
-            looker.start_again(modes.value, subject, self._length_m(subject))
+            follower.start_again(modes.value, subject, self._length_m(subject))
 
         modes.on_update(choose)
         if subjects is not None:
             subjects.on_update(choose)
-
-    def _leave(self, client: Any) -> None:
-        self._lookers.pop(client.client_id, None)
 
     def update(self, instant: ViewInstant) -> None:
         """Move every camera to the vessels' current positions."""
@@ -168,56 +163,50 @@ class Cameras:
         elapsed_s = min(now_s - self._last_s, 1.0) if self._last_s is not None else 0.0
         self._last_s = now_s
         clients = self._server.get_clients()
-        for number, looker in list(self._lookers.items()):
-            vessel = instant.vessels.get(looker.subject)
-            if number in clients and vessel is not None and looker.mode != FREE and _is_finite(vessel):
+        for number, follower in list(self._cameras.items()):
+            vessel = instant.vessels.get(follower.subject)
+            if number not in clients or vessel is None or follower.mode == FREE:
+                continue
+            if np.isfinite(vessel.position_enu_m).all() and np.isfinite(vessel.attitude_wxyz).all():
                 place = np.array([*vessel.position_enu_m[:2], self._scene.water.level_at_m(instant.time_s) + 0.1])
-                self._lead(clients[number], looker, place, _heading_rad(vessel.attitude_wxyz), now_s, elapsed_s)
+                w, x, y, z = np.asarray(vessel.attitude_wxyz).tolist()
+                heading_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))  # east towards north
+                self._move(clients[number], follower, place, heading_rad, now_s, elapsed_s)
 
-    def _lead(
-        self, client: Any, looker: _Looker, place_m: Array, heading_rad: float, now_s: float, elapsed_s: float
+    def _move(
+        self, client: Any, follower: _BrowserCamera, place_m: Array, heading_rad: float, now_s: float, elapsed_s: float
     ) -> None:
         camera = client.camera
-        if looker.place_m is None:
-            looker.place_m, looker.heading_rad = place_m, heading_rad
+        if follower.place_m is None:
+            follower.place_m, follower.heading_rad = place_m, heading_rad
         else:
             share = 1.0 - math.exp(-elapsed_s / PLACE_S)
-            if math.dist(place_m, looker.place_m) > 100.0:
+            if math.dist(place_m, follower.place_m) > 100.0:
                 share = 1.0
-            looker.place_m = looker.place_m + share * (place_m - looker.place_m)
-            turn = math.remainder(heading_rad - looker.heading_rad, math.tau)
-            looker.heading_rad += (1.0 - math.exp(-elapsed_s / HEADING_S)) * turn
-        reference = {FOLLOW: looker.heading_rad, ORBIT: looker.turned_rad, ABOVE: 0.0}[looker.mode]
+            follower.place_m = follower.place_m + share * (place_m - follower.place_m)
+            turn = math.remainder(heading_rad - follower.heading_rad, math.tau)
+            follower.heading_rad += (1.0 - math.exp(-elapsed_s / HEADING_S)) * turn
+        reference = {FOLLOW: follower.heading_rad, ORBIT: follower.turned_rad, ABOVE: 0.0}[follower.mode]
         stamp, seen = camera.update_timestamp, _place(camera)
-        if stamp != looker.stamp and stamp == camera.update_timestamp:  # no other report arrived in between
-            looker.stamp = stamp
-            if looker.moved_by_hand(seen):
-                looker.pose = CameraPose.of(np.array(seen[:3]) - np.array(seen[3:]), reference)
-                looker.touched_s = now_s
-        if now_s - looker.touched_s < HANDS_OFF_S:
+        if stamp != follower.stamp and stamp == camera.update_timestamp:  # no other report arrived in between
+            follower.stamp = stamp
+            if follower.moved_by_hand(seen):
+                follower.pose = CameraPose.of(np.array(seen[:3]) - np.array(seen[3:]), reference)
+                follower.touched_s = now_s
+        if now_s - follower.touched_s < HANDS_OFF_S:
             return
-        if looker.mode == ORBIT:
-            looker.turned_rad += TURN_RADPS * elapsed_s
-            reference = looker.turned_rad
-        position = looker.place_m + looker.pose.offset_m(reference)
+        if follower.mode == ORBIT:
+            follower.turned_rad += TURN_RADPS * elapsed_s
+            reference = follower.turned_rad
+        position = follower.place_m + follower.pose.offset_m(reference)
         with client.atomic():
-            for name, place in (("position", position), ("look_at", looker.place_m)):
+            for name, place in (("position", position), ("look_at", follower.place_m)):
                 with suppress(ValueError):  # viser raises it after a report of non-finite values
                     setattr(camera, name, place)
-        looker.sent.append(_place(camera))
-        looker.stamp = camera.update_timestamp
-
-
-def _is_finite(vessel: VesselInstant) -> bool:
-    return bool(np.isfinite(vessel.position_enu_m).all() and np.isfinite(vessel.attitude_wxyz).all())
+        follower.sent.append(_place(camera))
+        follower.stamp = camera.update_timestamp
 
 
 def _place(camera: Any) -> tuple[float, ...]:
     """Return the position and the look-at point, six numbers."""
     return (*camera.position.tolist(), *camera.look_at.tolist())
-
-
-def _heading_rad(attitude_wxyz: Array) -> float:
-    """Return the heading of the bow, from east towards north."""
-    w, x, y, z = np.asarray(attitude_wxyz).tolist()
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

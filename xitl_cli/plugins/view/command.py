@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
@@ -34,38 +33,43 @@ def view(
     ],
     vessel: Vessel = None,
     at: Annotated[
-        str | None, typer.Option("--at", metavar="TIME", help="Stand still there first; the instant of --png.")
+        str | None, typer.Option("--at", metavar="TIME", help="Start paused at this time; also the instant of --png.")
     ] = None,
     from_time: Annotated[
-        str | None, typer.Option("--from", metavar="TIME", help="Of --html and --gif: 90, 1:30.5 or 1:02:03.")
+        str | None, typer.Option("--from", metavar="TIME", help="Start of --html and --gif: 90, 1:30.5 or 1:02:03.")
     ] = None,
-    until_time: Annotated[str | None, typer.Option("--until", metavar="TIME", help="Likewise the end.")] = None,
+    until_time: Annotated[str | None, typer.Option("--until", metavar="TIME", help="End of --html and --gif.")] = None,
     to_time: Annotated[str | None, typer.Option("--to", hidden=True)] = None,
     html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write one page with the replay, which opens from the disk.")
+        Path | None, typer.Option(metavar="FILE", help="Write the replay as one HTML page that opens from the disk.")
     ] = None,
     png: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a picture of the instant --at.")] = None,
-    gif: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a moving picture of a span.")] = None,
+    gif: Annotated[Path | None, typer.Option(metavar="FILE", help="Write an animated picture of the span.")] = None,
     size: Annotated[
-        str | None, typer.Option(metavar="WxH", help="Pixels of a picture; 1280x720, of a moving one 640x360.")
+        str | None,
+        typer.Option(metavar="WxH", help="Size in pixels; by default 1280x720 for --png, 640x360 for --gif."),
     ] = None,
-    camera: Annotated[CameraView, typer.Option(help="Where a picture or page looks from.")] = CameraView.BEHIND,
-    of: Annotated[str | None, typer.Option("--of", metavar="NAME", help="The vessel that a picture looks at.")] = None,
-    speed: Annotated[float, typer.Option(metavar="TIMES", help="How much faster a moving picture goes.")] = 4.0,
-    dark: Annotated[bool, typer.Option("--dark", help="By night.")] = False,
-    host: Annotated[str, typer.Option("--view-host", metavar="HOST", help="Where to listen.")] = "127.0.0.1",
+    camera: Annotated[CameraView, typer.Option(help="Camera of a picture or page.")] = CameraView.BEHIND,
+    of: Annotated[
+        str | None, typer.Option("--of", metavar="NAME", help="Vessel that the camera of a picture looks at.")
+    ] = None,
+    speed: Annotated[float, typer.Option(metavar="TIMES", help="Speed of --gif as a multiple of real time.")] = 4.0,
+    dark: Annotated[bool, typer.Option("--dark", help="Use night colours.")] = False,
+    host: Annotated[str, typer.Option("--view-host", metavar="HOST", help="Address to listen at.")] = "127.0.0.1",
     port: Annotated[
         int | None,
-        typer.Option("--view-port", "--port", metavar="PORT", min=1, max=65535, help="At this port; else a free one."),
+        typer.Option(
+            "--view-port", "--port", metavar="PORT", min=1, max=65535, help="Port to listen at; by default a free one."
+        ),
     ] = None,
-    open_page: Annotated[
-        bool, typer.Option("--open/--no-open", help="Open a browser where there is a desktop.")
-    ] = True,
+    open_page: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser if there is a desktop.")] = True,
 ) -> None:
     """Play recordings of runs and vehicles in 3D, or write them as a page or pictures."""
     from xitl_cli.logs.formats.run_directory import recording_in
     from xitl_cli.logs.model.text import parse_optional_seconds
+    from xitl_cli.plugins.view import pictures
     from xitl_cli.plugins.view.recording import open_scene
+    from xitl_cli.plugins.view.replay_page import checked_span, replay_html
     from xitl_cli.plugins.view.server import check_view_extra
 
     check_view_extra()
@@ -74,7 +78,7 @@ def view(
     )
     pixels = _size(size)
     if not 0.0 < speed < float("inf"):
-        raise UserError(f"--speed {speed:g}: is no speed; give a number above 0, such as 4")
+        raise UserError(f"--speed {speed:g}: is not a speed; give a number above 0, such as 4")
     for path, beginning in ((html, _PAGE), (png, _PNG), (gif, _GIF)):
         if path is not None:
             _refuse_other(path, beginning)
@@ -85,44 +89,25 @@ def view(
         if html is None and png is None and gif is None:
             _serve(recording, host, port, at_s, dark, open_page)
             return
-        _write(recording, html, png, gif, at_s, from_s, to_s, pixels, camera, of, speed, dark)
-
-
-def _write(
-    recording: LogScene,
-    html: Path | None,
-    png: Path | None,
-    gif: Path | None,
-    at_s: float | None,
-    from_s: float | None,
-    to_s: float | None,
-    size: tuple[int, int] | None,
-    camera: CameraView,
-    of: str | None,
-    speed: float,
-    dark: bool,
-) -> None:
-    from xitl_cli.plugins.view import pictures
-    from xitl_cli.plugins.view.replay_page import checked_span, replay_html
-
-    span = checked_span(recording, from_s, to_s)
-    if html is not None:
-        page = replay_html(recording, from_s=from_s, to_s=to_s, view=camera.value, at_s=at_s, dark=dark)
-        _write_whole(html, page.encode())
-        typer.echo(f"{printable(str(html))}: {_megabytes(html)}, {duration_text(span.length_s)}; opens in any browser")
-    if png is not None:
-        instant_s = (span.from_s + span.to_s) / 2.0 if at_s is None else at_s
-        shot = pictures.picture(
-            recording, instant_s, size=size or (1280, 720), camera=camera.value, vessel=of, dark=dark
-        )
-        _write_whole(png, shot)
-        typer.echo(f"{printable(str(png))}: {_megabytes(png)}, at {instant_s:.2f} s")
-    if gif is not None:
-        film = pictures.moving_picture(
-            recording, from_s, to_s, size=size or (640, 360), camera=camera.value, vessel=of, speed=speed, dark=dark
-        )
-        _write_whole(gif, film)
-        typer.echo(f"{printable(str(gif))}: {_megabytes(gif)}, {duration_text(span.length_s)} at {speed:g} ×")
+        span = checked_span(recording, from_s, to_s)
+        if html is not None:
+            page = replay_html(recording, from_s=from_s, to_s=to_s, view=camera.value, at_s=at_s, dark=dark)
+            _write_whole(html, page.encode())
+            length = duration_text(span.length_s)
+            typer.echo(f"{printable(str(html))}: {_megabytes(html)}, {length}; opens in any browser")
+        if png is not None:
+            instant_s = (span.from_s + span.to_s) / 2.0 if at_s is None else at_s
+            size_px = pixels or (1280, 720)
+            shot = pictures.picture(recording, instant_s, size=size_px, camera=camera.value, vessel=of, dark=dark)
+            _write_whole(png, shot)
+            typer.echo(f"{printable(str(png))}: {_megabytes(png)}, at {instant_s:.2f} s")
+        if gif is not None:
+            size_px = pixels or (640, 360)
+            film = pictures.moving_picture(
+                recording, from_s, to_s, size=size_px, camera=camera.value, vessel=of, speed=speed, dark=dark
+            )
+            _write_whole(gif, film)
+            typer.echo(f"{printable(str(gif))}: {_megabytes(gif)}, {duration_text(span.length_s)} at {speed:g} ×")
 
 
 def _serve(recording: LogScene, host: str, port: int | None, at_s: float | None, dark: bool, open_page: bool) -> None:
@@ -136,21 +121,16 @@ def _serve(recording: LogScene, host: str, port: int | None, at_s: float | None,
         typer.echo(f"{recording.scene.title}: {address.url} (end with Ctrl+C)")
         if open_page and has_desktop():
             open_browser(address.url)
-        threading.Thread(target=_quietly(page.find), daemon=True).start()
+
+        def analyse() -> None:
+            with suppress(Exception):  # a failed or interrupted analysis does not end the page
+                page.find()
+
+        threading.Thread(target=analyse, daemon=True).start()
         try:
             page.serve(ended)
         finally:
             page.close()
-
-
-def _quietly(find: Callable[[], None]) -> Callable[[], None]:
-    """Return `find` without its exceptions, so that a failed or interrupted analysis does not end the page."""
-
-    def found() -> None:
-        with suppress(Exception):
-            find()
-
-    return found
 
 
 def _size(text: str | None) -> tuple[int, int] | None:
@@ -158,7 +138,7 @@ def _size(text: str | None) -> tuple[int, int] | None:
         return None
     match = re.fullmatch(r"(\d{1,5})[x×](\d{1,5})", text.strip().lower())
     if match is None:
-        raise UserError(f"--size {text}: is no size of a picture; write it like 1280x720")
+        raise UserError(f"--size {text}: is not a size; write it like 1280x720")
     return int(match[1]), int(match[2])
 
 
@@ -171,9 +151,9 @@ def _refuse_other(path: Path, beginning: bytes) -> None:
             with path.open("rb") as file:
                 head = file.read(len(beginning)).lower()
             if head not in (b"", beginning.lower()):
-                raise UserError(f"{path}: is there already and is something else; name another file")
+                raise UserError(f"{path}: already exists and is another kind of file; choose another name")
         elif not path.absolute().parent.is_dir():
-            raise UserError(f"{path}: its folder does not exist; make it, or choose another place")
+            raise UserError(f"{path}: its folder does not exist; create it, or choose another place")
     except OSError as error:
         raise UserError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
 

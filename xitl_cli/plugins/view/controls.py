@@ -18,7 +18,7 @@ Act = Callable[[Mapping[str, Any]], object]
 
 SETTLED_S = 0.3
 """Time without a change of a slider before its value is requested."""
-FASTEST = "as fast as it can"
+FASTEST = "as fast as possible"
 PACES = {"0.1 ×": 0.1, "0.25 ×": 0.25, "0.5 ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, FASTEST: None}
 STEP_S = 0.1
 NOTHING, LAUNCH, GO_THERE = "does nothing", "launches debris", "sends the vessel there"
@@ -93,7 +93,7 @@ class Controls:
 
     def refused(self, text: str) -> None:
         """Show the reason of a refusal until the next request."""
-        self._refusal.content = _note(f"Not done: {html.escape(text)}", "color:#e03131")
+        self._refusal.content = _note(f"Refused: {html.escape(text)}", "color:#e03131")
         self._refusal.visible = True
 
     def _ask(self, name: str, /, **keys: Any) -> None:
@@ -116,7 +116,7 @@ class Controls:
     def _add_pace(self, lockstep: bool, pace: float | None) -> tuple[Any, Any, Any] | None:
         gui = self._server.gui
         if not lockstep:
-            gui.add_html(_note("In real time it cannot stand still.", "opacity:.7"))
+            gui.add_html(_note("A run in real time cannot pause.", "opacity:.7"))
             return None
         pause = gui.add_button("Pause")
         step = gui.add_button(f"Step {STEP_S:g} s", disabled=True)
@@ -180,7 +180,7 @@ class Controls:
         def click(event: Any) -> None:
             place = water_place(event.ray_origin, event.ray_direction, self._level_m)
             if place is None:
-                self.refused("that is not on the water; click nearer")
+                self.refused("the click is not on the water; click nearer")
                 return
             north_m, east_m = (round(part, 2) for part in place)
             if clicks.value == LAUNCH:

@@ -9,7 +9,7 @@ Existing nodes are moved and not created again, because a browser can keep up wi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,7 @@ from xitl_cli.plugins.view.model import (
     ViewScene,
 )
 from xitl_cli.plugins.view.scene import plain_vessel
-from xitl_cli.plugins.view.water import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
+from xitl_cli.plugins.view.shapes import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
 
 if TYPE_CHECKING:
     import viser
@@ -214,6 +214,30 @@ class SceneDrawing:
             self._bodies[number].visible = False
 
 
+def add_drawing_options(
+    server: viser.ViserServer, drawing: SceneDrawing, changed: Callable[[], object] = lambda: None
+) -> None:
+    """Add a folder with the options of a drawing to the page. changed: called after each change of the shown parts."""
+    gui = server.gui
+    with gui.add_folder("Show", order=7.0, expand_by_default=False):
+        estimates = gui.add_checkbox("Estimated pose", True)
+        clouds = gui.add_checkbox("Lidar and sonar", True)
+        night = gui.add_checkbox("Night", drawing.dark)
+
+    def choose(event: object) -> None:
+        drawing.show_estimates(estimates.value)
+        drawing.show_clouds(clouds.value)
+        changed()
+
+    def change_light(event: object) -> None:
+        drawing.dark = night.value
+        gui.configure_theme(dark_mode=night.value, show_logo=False, show_share_button=False)
+
+    estimates.on_update(choose)
+    clouds.on_update(choose)
+    night.on_update(change_light)
+
+
 def sky_rows(lighting: Lighting) -> NDArray[np.uint8]:
     """Return the sky colours (192, 3) from the top of a picture to its bottom, independent of the camera."""
     share = np.linspace(0.0, 1.0, 72)[:, None] ** 0.9
@@ -302,10 +326,16 @@ class _VesselDrawing:
             else 0.1 + 0.5 * 4.0 * math.sqrt(0.5) * float(np.linalg.norm(water.waves.amplitude_m))
         )
         self._vessel = vessel
+        self._mark_m = min(max(vessel.length_m, 0.6), 6.0)
+        """Size of marks."""
         self._hull = api.add_frame(self._path, show_axes=False)
         for number, mesh in enumerate(vessel.meshes):
             _add_mesh(api, f"{self._path}/{number}", mesh)
-        self._propellers = [self._propeller(number) for number in range(len(vessel.thrusters))]
+        self._propellers = []
+        for number, thruster in enumerate(vessel.thrusters):
+            turning = shapes.propeller(thruster.diameter_m).mesh("propeller", (45, 48, 54))
+            path = f"{self._path}/propellers/{number}"
+            self._propellers.append(_add_mesh(api, path, turning, position=thruster.place_flu_m))
         self._turned_rad = [0.0] * len(vessel.thrusters)
         self._estimate: Any = None
         self._clouds: dict[str, tuple[Points, Any]] = {}
@@ -322,11 +352,6 @@ class _VesselDrawing:
         self._marks: list[Any] = []
         self._draw_mission(vessel.mission_enu_m)
 
-    def _propeller(self, number: int) -> Any:
-        thruster = self._vessel.thrusters[number]
-        turning = shapes.propeller(thruster.diameter_m).mesh("propeller", (45, 48, 54))
-        return _add_mesh(self._api, f"{self._path}/propellers/{number}", turning, position=thruster.place_flu_m)
-
     def _draw_mission(self, places: Array, moved: bool = False) -> None:
         if not moved and (places is self._mission or np.array_equal(places, self._mission)):
             return
@@ -339,7 +364,7 @@ class _VesselDrawing:
         line[:, 2] = self._level_m + self._lift_m
         path = self._path.replace("/vessels", "/missions", 1)
         lines = [_add_line(self._api, f"{path}/line", line, MISSION, 2.0)]
-        size = min(max(self._vessel.length_m, 0.6), 6.0)
+        size = self._mark_m
         mark = shapes.merged(
             [
                 shapes.frustum((0.08 * size, 0.08 * size, 1.6 * size), sides=8).placed((0.0, 0.0, 0.8 * size)),
@@ -350,9 +375,8 @@ class _VesselDrawing:
             waypoint = mark.mesh("waypoint", MISSION)
             self._marks.append(_add_mesh(self._api, f"{path}/waypoint {number}", waypoint, position=tuple(place)))
             if self._vessel.acceptance_radius_m > 0.0:
-                turn = np.linspace(0.0, 2.0 * math.pi, 49)
-                ring = self._vessel.acceptance_radius_m * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
-                lines.append(_add_line(self._api, f"{path}/radius {number}", ring + place, MISSION, 1.0))
+                ring = _ring(self._vessel.acceptance_radius_m) + place
+                lines.append(_add_line(self._api, f"{path}/radius {number}", ring, MISSION, 1.0))
         self._mission_nodes = [*lines, *self._marks]
 
     def draw(self, vessel: VesselInstant, elapsed_s: float, tracked: bool, level_m: float) -> None:
@@ -369,8 +393,8 @@ class _VesselDrawing:
             colour = REACHED if number < vessel.waypoints_reached else MISSION
             if tuple(mark.color) != colour:
                 mark.color = colour
-        self._draw_target(vessel)
-        self._draw_guided(vessel.guided_enu_m)
+        self._target = self._mark_at(vessel.target_enu_m, self._target, self._make_target)
+        self._guided = self._mark_at(vessel.guided_enu_m, self._guided, self._make_guided)
         self._draw_clouds(vessel.clouds)
         self._draw_obstacles(vessel)
 
@@ -431,38 +455,32 @@ class _VesselDrawing:
         if count > TRACK_PIECE:
             self._places = [point]
 
-    def _draw_target(self, vessel: VesselInstant) -> None:
-        if vessel.target_enu_m is None:
-            if self._target is not None:
-                self._target.visible = False
-            return
-        if self._target is None:
-            size = min(max(self._vessel.length_m, 0.6), 6.0)
-            cone = shapes.frustum((0.6 * size, 0.6 * size, 0.8 * size), 0.0, 1.0, sides=16)
-            mark = cone.placed((0.0, 0.0, 2.9 * size)).mesh("target", TARGET)
-            self._target = _add_mesh(self._api, self._path.replace("/vessels", "/targets", 1), mark)
-        self._target.visible = True
-        self._target.position = (float(vessel.target_enu_m[0]), float(vessel.target_enu_m[1]), self._level_m)
-
-    def _draw_guided(self, place: Array | None) -> None:
-        """Draw the target in GUIDED as a post with a ring on the water, because no waypoint marks it."""
+    def _mark_at(self, place: Array | None, mark: Any, make: Callable[[], Any]) -> Any:
+        """Move a mark to a place on the water, or hide it, and return it. The first place creates it."""
         if place is None:
-            if self._guided is not None:
-                self._guided.visible = False
-            return
-        if self._guided is None:
-            size = min(max(self._vessel.length_m, 0.6), 6.0)
-            post = shapes.frustum((0.12 * size, 0.12 * size, 2.2 * size), sides=8).placed((0.0, 0.0, 1.1 * size))
-            cone = shapes.frustum((0.7 * size, 0.7 * size, 0.9 * size), 0.0, 1.0, sides=16)
-            path = self._path.replace("/vessels", "/guided", 1)
-            mark = shapes.merged([post, cone.placed((0.0, 0.0, 2.4 * size))]).mesh("guided target", GUIDED)
-            self._guided = _add_mesh(self._api, path, mark)
-            turn = np.linspace(0.0, 2.0 * math.pi, 49)
-            radius_m, lift_m = 1.2 * size, np.full(len(turn), self._lift_m)
-            ring = np.stack([radius_m * np.cos(turn), radius_m * np.sin(turn), lift_m], axis=-1)
-            _add_line(self._api, f"{path}/ring", ring, GUIDED, 3.0)
-        self._guided.visible = True
-        self._guided.position = (float(place[0]), float(place[1]), self._level_m)
+            if mark is not None:
+                mark.visible = False
+            return mark
+        mark = make() if mark is None else mark
+        mark.visible = True
+        mark.position = (float(place[0]), float(place[1]), self._level_m)
+        return mark
+
+    def _make_target(self) -> Any:
+        size = self._mark_m
+        cone = shapes.frustum((0.6 * size, 0.6 * size, 0.8 * size), 0.0, 1.0, sides=16)
+        mark = cone.placed((0.0, 0.0, 2.9 * size)).mesh("target", TARGET)
+        return _add_mesh(self._api, self._path.replace("/vessels", "/targets", 1), mark)
+
+    def _make_guided(self) -> Any:
+        """Add the target in GUIDED: a post with a ring on the water, because no waypoint marks it."""
+        size, path = self._mark_m, self._path.replace("/vessels", "/guided", 1)
+        post = shapes.frustum((0.12 * size, 0.12 * size, 2.2 * size), sides=8).placed((0.0, 0.0, 1.1 * size))
+        cone = shapes.frustum((0.7 * size, 0.7 * size, 0.9 * size), 0.0, 1.0, sides=16)
+        mark = shapes.merged([post, cone.placed((0.0, 0.0, 2.4 * size))]).mesh("guided target", GUIDED)
+        node = _add_mesh(self._api, path, mark)
+        _add_line(self._api, f"{path}/ring", _ring(1.2 * size, self._lift_m), GUIDED, 3.0)
+        return node
 
     def _draw_clouds(self, clouds: Mapping[str, Points]) -> None:
         for name in self._clouds.keys() - clouds.keys():
@@ -545,6 +563,12 @@ class _VesselDrawing:
                 node.scale = (length, 0.22 * size, 0.22 * size)
                 along = -0.5 * length / speed
                 node.position = (east + along * stream[0], north + along * stream[1], above + offset_m)
+
+
+def _ring(radius_m: float, up_m: float = 0.0) -> Array:
+    """Return the points (49, 3) of a level circle."""
+    turn = np.linspace(0.0, 2.0 * math.pi, 49)
+    return np.stack([radius_m * np.cos(turn), radius_m * np.sin(turn), np.full(len(turn), up_m)], axis=-1)
 
 
 def _add_mesh(api: Any, path: str, mesh: SceneMesh, position: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Any:

@@ -8,10 +8,10 @@ separate threads and drops the oldest messages of a slow client. Requests for ac
 from __future__ import annotations
 
 import json
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
 from sim_core.keys import Bounds, Specification, alternatives, key_annotations, meaning_of, optional, required_keys
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 SOURCE = "foxglove"
 HOST = "127.0.0.1"
 USUAL_PORT = 8765
-READ_ONLY = "clients only read in this run; start it with --live-commands to let them act"
+READ_ONLY = "clients can only read in this run; start it with --live-commands to let them act"
 BACKLOG = 256
 """Maximum number of queued messages per client before the oldest is dropped: 50 MB for clouds of 200 kB."""
 TIME_RATE_HZ = 20.0
@@ -46,28 +46,9 @@ KEPT = ("/scene",)
 """Topics that are sent once, and again to each later subscriber."""
 SERVICE, ASK = "/operator/", "/operator/ask"
 GOALS, POINT = ("/goal", "/goal_pose", "/move_base_simple/goal"), "/clicked_point"
-AS_FAST_AS_IT_CAN = 0.0
-
-
-class _Request:
-    """An action that waits for the run's own thread. after: called with the refusal."""
-
-    def __init__(self, action: Mapping[str, Any], after: Callable[[str | None], object] = lambda refusal: None) -> None:
-        self.action = action
-        self.refusal: str | None = "the run is over"
-        self._after = after
-        self._done = threading.Event()
-
-    def answer(self, refusal: str | None) -> None:
-        self.refusal = refusal
-        self._done.set()
-        self._after(refusal)
-
-    def wait(self) -> str | None:
-        """Return the refusal, None if the run accepts the action."""
-        if not self._done.wait(ANSWER_S):
-            return f"the run did not look within {ANSWER_S:g} s"
-        return self.refusal
+UNLIMITED = 0.0
+"""Pace of a run that is as fast as possible."""
+ENDED = "the run has ended"
 
 
 class LiveFoxgloveNode(RunNode):
@@ -83,20 +64,22 @@ class LiveFoxgloveNode(RunNode):
         self._commands = commands
         self._gate: Gate | None = None
         self._title = title
-        self._wanted = port
+        self._requested_port = port
         self._tell = tell
         self._operator: OperatorNode | None = None
         self._context: Any = None
         self._server: WebSocketServer | None = None
-        self._requests: deque[_Request] = deque()
-        self._come: deque[str] = deque()
+        self._requests: deque[tuple[Mapping[str, Any], Future[str | None]]] = deque()
+        """Actions that wait for the run's own thread, each with its refusal."""
+        self._subscribed: deque[str] = deque()
+        """Topics of `KEPT` with a new subscriber."""
         self._kept: dict[str, tuple[Any, list[tuple[bytes, int]]]] = {}
         self._values: dict[str, Any] = {}
         self._clients: set[int] = set()
         self._port = 0
         self._now_ns = 0
         self._time_s = 0.0
-        self._asked = self._refused = self._refused_connections = 0
+        self._actions = self._refused = self._refused_connections = 0
 
     def attach_operator(self, operator: OperatorNode) -> None:
         """Set the operator that carries out the actions."""
@@ -108,7 +91,7 @@ class LiveFoxgloveNode(RunNode):
         from foxglove.websocket import Capability
 
         self._context = foxglove.Context()
-        listener, address = listen(HOST, self._wanted, "live.host", "live.port", USUAL_PORT)
+        listener, address = listen(HOST, self._requested_port, "live.host", "live.port", USUAL_PORT)
         acting = [Capability.Parameters, Capability.Services, Capability.ClientPublish]
         inner = hidden_host()
         try:
@@ -146,48 +129,52 @@ class LiveFoxgloveNode(RunNode):
         log = channel.log
         if topic not in KEPT:
             return lambda payload, stamp_ns: log(payload, log_time=stamp_ns)
-        said: list[tuple[bytes, int]] = []
-        self._kept[topic] = log, said
+        sent: list[tuple[bytes, int]] = []
+        self._kept[topic] = log, sent
 
         def keep(payload: bytes, stamp_ns: int) -> None:
-            said.append((payload, stamp_ns))
+            sent.append((payload, stamp_ns))
             log(payload, log_time=stamp_ns)
 
         return keep
 
     def exchange(self, step: RunStep) -> None:
         self._now_ns = step.now_ns
-        self._tell_time_and_parameters()
+        self._send_time_and_parameters()
 
-    def _tell_time_and_parameters(self) -> None:
+    def _send_time_and_parameters(self) -> None:
+        """Send the time, and the parameters that changed since the last call, at `TIME_RATE_HZ`."""
         now_s = time.monotonic()
-        if self._server is not None and now_s - self._time_s >= 1.0 / TIME_RATE_HZ:
-            self._time_s = now_s
-            self._server.broadcast_time(self._now_ns)
-            self._tell_parameters()
+        if self._server is None or now_s - self._time_s < 1.0 / TIME_RATE_HZ:
+            return
+        self._time_s = now_s
+        self._server.broadcast_time(self._now_ns)
+        values = self.parameters()
+        if values != self._values:
+            changed = {name: value for name, value in values.items() if self._values.get(name, _UNKNOWN) != value}
+            self._values = values
+            self._server.publish_parameter_values(as_parameters(changed))
 
     def poll(self) -> None:
         """Pass waiting actions to the operator. Send the messages of `KEPT` topics again to new subscribers."""
-        while self._come:
-            log, said = self._kept[self._come.popleft()]
-            for payload, stamp_ns in said:
+        while self._subscribed:
+            log, sent = self._kept[self._subscribed.popleft()]
+            for payload, stamp_ns in sent:
                 log(payload, log_time=stamp_ns)
         while self._requests:
-            request = self._requests.popleft()
-            self._asked += 1
-            refusal = "nobody carries out actions in this run"
+            action, answer = self._requests.popleft()
+            self._actions += 1
+            refusal: str | None = "this run accepts no actions"
             if self._operator is not None:
-                refused = self._operator.ask(request.action, SOURCE)
-                self._refused += refused is not None
-                request.answer(refused)
-                continue
-            request.answer(refusal)
-        self._tell_time_and_parameters()  # otherwise, changes just before a pause would wait
+                refusal = self._operator.ask(action, SOURCE)
+                self._refused += refusal is not None
+            answer.set_result(refusal)
+        self._send_time_and_parameters()  # otherwise, changes just before a pause would wait
 
     def close(self) -> None:
         server, self._server = self._server, None
         while self._requests:  # a waiting thread would delay the end of the server
-            self._requests.popleft().answer("the run is over")
+            self._requests.popleft()[1].set_result(ENDED)
         gate, self._gate = self._gate, None
         if gate is not None:
             gate.close()
@@ -206,7 +193,7 @@ class LiveFoxgloveNode(RunNode):
                 "clients": len(self._clients),
                 "refused_connections": self._refused_connections if self._gate is None else self._gate.refused,
                 "dropped": None,
-                "actions": self._asked,
+                "actions": self._actions,
                 "refused": self._refused,
             }
         }
@@ -215,38 +202,35 @@ class LiveFoxgloveNode(RunNode):
 
     def ask(self, action: Mapping[str, Any]) -> str | None:
         """Pass an action to the run and wait. Return the refusal, None if the run accepts it."""
-        request = _Request(action)
-        self._request(request)
-        return request.wait()
+        try:
+            return self.post(action).result(ANSWER_S)
+        except TimeoutError:
+            return f"the run did not answer within {ANSWER_S:g} s"
 
-    def hope(self, action: Mapping[str, Any]) -> None:
-        """Pass an action to the run without waiting. A refusal goes to all clients as a status."""
-        self._request(_Request(action, self._complain))
-
-    def _request(self, request: _Request) -> None:
+    def post(self, action: Mapping[str, Any]) -> Future[str | None]:
+        """Pass an action to the run without waiting. Return its later refusal."""
+        answer: Future[str | None] = Future()
         if not self._commands:
-            request.answer(READ_ONLY)
+            answer.set_result(READ_ONLY)
         elif self._server is None:
-            request.answer("the run is over")
+            answer.set_result(ENDED)
         else:
-            self._requests.append(request)
+            self._requests.append((action, answer))
+        return answer
 
-    def _complain(self, refusal: str | None) -> None:
+    def warn(self, text: str | None) -> None:
+        """Send a warning to all clients, unless it is None."""
         from foxglove.websocket import StatusLevel
 
         server = self._server
-        if refusal is not None and server is not None:
-            server.publish_status(refusal, StatusLevel.Warning)
+        if text is not None and server is not None:
+            server.publish_status(text, StatusLevel.Warning)
 
-    def complain(self, text: str) -> None:
-        """Send a warning to all clients."""
-        self._complain(text)
-
-    def come(self, client: int, topic: str | None = None) -> None:
+    def register(self, client: int, topic: str | None = None) -> None:
         """Register a client that is active or subscribes to a topic."""
         self._clients.add(client)
         if topic in self._kept:
-            self._come.append(topic)
+            self._subscribed.append(topic)
 
     def _services(self) -> Iterator[Any]:
         from foxglove import Schema, Service
@@ -269,12 +253,11 @@ class LiveFoxgloveNode(RunNode):
         try:
             keys = json.loads(request.payload or b"{}")
         except ValueError as error:
-            keys = None
-            refusal: str | None = f"{name}: is no JSON ({error})"
-        if isinstance(keys, dict):
-            refusal = self.ask({"action": name, **keys})
-        elif keys is not None:
+            refusal: str | None = f"{name}: is not JSON ({error})"
+        else:
             refusal = f"{name}: write its keys as a JSON object, such as {{}}"
+            if isinstance(keys, dict):
+                refusal = self.ask({"action": name, **keys})
         return json.dumps({"success": refusal is None, "message": refusal or ""}).encode()
 
     # Parameters
@@ -284,15 +267,15 @@ class LiveFoxgloveNode(RunNode):
         operator = self._operator
         if operator is None or not self._commands:
             return {}
-        found: dict[str, Any] = {"paused": operator.paused, "pace": operator.factor or AS_FAST_AS_IT_CAN}
+        values: dict[str, Any] = {"paused": operator.paused, "pace": operator.factor or UNLIMITED}
         for group in ENVIRONMENT:
-            found.update(_flat(f"environment.{group}", getattr(operator.environment, group)))
-        return found
+            values.update(_flat(f"environment.{group}", getattr(operator.environment, group)))
+        return values
 
     def set_parameter(self, name: str, value: Any) -> str | None:
         """Set a parameter. Return the refusal, None if the run accepts it."""
         if name not in self.parameters():
-            return f"{name} is none of the parameters; use {', '.join(self.parameters())}"
+            return f"{name} is not a parameter; use {', '.join(self.parameters())}"
         if name == "paused":
             return self.ask({"action": "pause" if value else "resume"})
         if name == "pace":
@@ -301,14 +284,6 @@ class LiveFoxgloveNode(RunNode):
         for key in reversed(path):
             value = {key: value}
         return self.ask({"action": group, **value})
-
-    def _tell_parameters(self) -> None:
-        """Publish the parameters that changed since the last call."""
-        values = self.parameters()
-        if values != self._values and self._server is not None:
-            changed = {name: value for name, value in values.items() if self._values.get(name, _UNKNOWN) != value}
-            self._values = values
-            self._server.publish_parameter_values(as_parameters(changed))
 
 
 _UNKNOWN = object()
@@ -347,24 +322,22 @@ def _property(annotation: Any) -> dict[str, Any]:
     from typing import Literal, get_args, get_origin
 
     kind, markers = alternatives(annotation)[0]
-    found: dict[str, Any] = {}
+    schema: dict[str, Any] = {"type": "array"}
     if isinstance(kind, type) and issubclass(kind, Specification):
         return json_schema(kind)
     if get_origin(kind) is Literal:
-        found = {"type": "string", "enum": list(get_args(kind))}
+        schema = {"type": "string", "enum": list(get_args(kind))}
     elif kind in _JSON_TYPES:
         name = _JSON_TYPES[kind]
-        found = {"type": [name, "null"] if optional(annotation) else name}
-    else:
-        found = {"type": "array"}
+        schema = {"type": [name, "null"] if optional(annotation) else name}
     for bounds in (marker for marker in markers if isinstance(marker, Bounds)):
         if bounds.at_least is not None:
-            found["minimum"] = bounds.at_least
+            schema["minimum"] = bounds.at_least
         if bounds.at_most is not None:
-            found["maximum"] = bounds.at_most
+            schema["maximum"] = bounds.at_most
     if meaning := meaning_of(annotation):
-        found["description"] = meaning
-    return found
+        schema["description"] = meaning
+    return schema
 
 
 class _Listener:
@@ -375,15 +348,15 @@ class _Listener:
         self._published: dict[tuple[int, int], str] = {}
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        self._node.come(client.id, channel.topic)
+        self._node.register(client.id, channel.topic)
 
     def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
         pass
 
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
-        self._node.come(client.id)
+        self._node.register(client.id)
         if channel.topic not in (ASK, POINT, *GOALS):
-            self._node.complain(f"{channel.topic}: nobody listens; publish on {', '.join((ASK, *GOALS, POINT))}")
+            self._node.warn(f"the run does not use {channel.topic}; publish on {', '.join((ASK, *GOALS, POINT))}")
         self._published[client.id, channel.id] = channel.topic
 
     def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
@@ -394,15 +367,15 @@ class _Listener:
         try:
             action = action_from_message(topic, json.loads(data))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            self._node.complain(f"{topic}: cannot be understood ({error!r}); publish JSON of the topic's usual schema")
+            self._node.warn(f"{topic}: invalid message ({error!r}); publish JSON of the topic's usual schema")
             return
         if action is not None:
-            self._node.hope(action)
+            self._node.post(action).add_done_callback(lambda answer: self._node.warn(answer.result()))
 
     def on_get_parameters(
         self, client: Client, param_names: list[str], request_id: str | None = None
     ) -> list[Parameter]:
-        self._node.come(client.id)
+        self._node.register(client.id)
         values = self._node.parameters()
         return as_parameters({name: values[name] for name in param_names or values if name in values})
 
@@ -410,16 +383,14 @@ class _Listener:
         self, client: Client, parameters: list[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
         """Set the parameters and return their current values. A refused parameter keeps its value."""
-        self._node.come(client.id)
+        self._node.register(client.id)
         before = self._node.parameters()
         for parameter in parameters:
             value = parameter.get_value()
             if before.get(parameter.name, _UNKNOWN) != value:
-                refusal = self._node.set_parameter(parameter.name, value)
-                if refusal is not None:
-                    self._node.complain(refusal)
+                self._node.warn(self._node.set_parameter(parameter.name, value))
         values = self._node.parameters()
-        return as_parameters({one.name: values[one.name] for one in parameters if one.name in values})
+        return as_parameters({item.name: values[item.name] for item in parameters if item.name in values})
 
     def on_parameters_subscribe(self, param_names: list[str]) -> None:
         pass

@@ -35,9 +35,9 @@ _HEADER = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+:[^\r\n\0]*")
 def hidden_host() -> str:
     """Return a random address in 127.0.0.0/8, or 127.0.0.1 if the system allows no other."""
     drawn = f"127.{secrets.randbelow(254) + 1}.{secrets.randbelow(256)}.{secrets.randbelow(254) + 1}"
-    with socket.socket() as tried:
+    with socket.socket() as probe:
         try:
-            tried.bind((drawn, 0))
+            probe.bind((drawn, 0))
         except OSError:
             return "127.0.0.1"
     return drawn
@@ -55,7 +55,7 @@ def refusal(address: ViewAddress, head: bytes) -> str:
     """Return the reason to refuse a request, empty if it is allowed. head: HTTP head without the empty line."""
     first, *lines = head.decode("latin-1").split("\r\n")
     if not _REQUEST.fullmatch(first) or not all(map(_HEADER.fullmatch, lines)):
-        return "it is no proper request of HTTP/1.1"
+        return "it is not a valid HTTP/1.1 request"
     headers: dict[str, str] = {}
     for line in lines:
         name, _, value = line.partition(":")
@@ -65,21 +65,21 @@ def refusal(address: ViewAddress, head: bytes) -> str:
     if reason := stranger(address.host, headers.get("host", ""), headers.get("origin"), is_foxglove):
         return reason
     target = first.partition(" ")[2].partition(" ")[0]
-    given = parse_qs(target.partition("?")[2]).get("token", [""])[0]
-    if not hmac.compare_digest(given.encode(), address.token.encode()):
-        return "the address that the run printed has a token in it, which is missing here or wrong"
+    token = parse_qs(target.partition("?")[2]).get("token", [""])[0]
+    if not hmac.compare_digest(token.encode(), address.token.encode()):
+        return "the token of the printed address is missing or wrong"
     return ""
 
 
 class Gate:
     """Serves `listener` in a thread and forwards connections with the token of `address`.
 
-    inner: host and port of the server behind. The attribute `refused` counts connections that were closed with 403 or
-    sent no valid request.
+    inner: host and port of the server behind.
     """
 
     def __init__(self, listener: socket.socket, address: ViewAddress, inner: tuple[str, int]) -> None:
         self.refused = 0
+        """Connections that were closed with 403 or sent no valid request."""
         self._address = address
         self._inner = inner
         self._listener = listener
@@ -141,8 +141,8 @@ class Gate:
             try:
                 await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
             finally:
-                for one in both:
-                    one.cancel()
+                for direction in both:
+                    direction.cancel()
                 await asyncio.gather(*both, return_exceptions=True)
         finally:
             serving.close()

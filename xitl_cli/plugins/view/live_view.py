@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,10 @@ import numpy as np
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core import frames
 from sim_core.fleet import Fleet
-from sim_core.world.debris import Body, DebrisState
+from sim_core.world.debris import DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
-from xitl_cli.plugins.view.model import Array, BodyInstant, Points, SceneWaves, VesselInstant, ViewEvent, ViewInstant
+from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewInstant
 from xitl_cli.plugins.view.scene import NO_WAVES, scene_waves
 from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
 from xitl_cli.profile.schema import RunProfile
@@ -185,8 +186,8 @@ class VesselWatch(RunNode):
         pings = [points for seen in self._sonar if len(points := self._placed(seen))]
         if pings:
             clouds["sonar"] = np.concatenate(pings)
-        kept = {id(seen) for seen in (self._lidar, *self._sonar)}
-        self._drawn = {key: value for key, value in self._drawn.items() if key in kept}
+        current = {id(seen) for seen in (self._lidar, *self._sonar)}
+        self._drawn = {key: value for key, value in self._drawn.items() if key in current}
         return clouds
 
     def _placed(self, seen: _Seen) -> Points:
@@ -217,13 +218,13 @@ class VesselWatch(RunNode):
 
     def events(self) -> list[ViewEvent]:
         """Return the messages since the last call."""
-        said = []
+        events = []
         while self._events:
             stamp_ns, entry = self._events.popleft()
             read = foxglove_type("Log").FromString(entry.encode())
             text = f"{read.name}: {read.message}" if read.name else read.message
-            said.append(ViewEvent(stamp_ns * 1e-9, _SEVERITIES.get(read.level, 6), text))
-        return said
+            events.append(ViewEvent(stamp_ns * 1e-9, _SEVERITIES.get(read.level, 6), text))
+        return events
 
 
 def cloud_points(message: Any) -> Points:
@@ -269,13 +270,13 @@ class LiveViewNode(RunNode):
         self._traffic: tuple[ScriptedVessel, ...] = ()
         if isinstance(plant.simulation, Fleet):
             self._traffic = tuple(plant.simulation.traffic)
-        self._bodies_told = 0
-        self._waves_told = plant.simulation.environment.waves
+        self._sent_bodies = 0
+        self._sent_waves = plant.simulation.environment.waves
         self._next_s = 0.0
-        self._asked = False
-        self._looking = self._joined = self._shown = self._skipped = self._actions = self._refused = 0
+        self._requested = False
+        self._browsers = self._joined = self._shown = self._skipped = self._actions = self._refused = 0
         self._alone_since_s: float | None = None
-        self._led = self._unpaced = False
+        self._watched = self._unpaced = False
         self._rate: deque[tuple[float, int]] = deque(maxlen=20)
         self._address: ViewAddress | None = None
         self._page = SideProcess("xitl_cli.plugins.view.process", self._on_loss, END_S)
@@ -318,7 +319,7 @@ class LiveViewNode(RunNode):
         self._page.send(ViewStart(*own, operated, lockstep, faults, pace))
         if self._opened and lockstep:
             until_s = self._now_s() + FIRST_BROWSER_S
-            while not self._page.gone and not self._looking and self._now_s() < until_s and not self._interrupted():
+            while not self._page.gone and not self._browsers and self._now_s() < until_s and not self._interrupted():
                 self.poll()
                 time.sleep(0.02)
 
@@ -332,29 +333,32 @@ class LiveViewNode(RunNode):
             return
         self._next_s = now_s + 1.0 / self._spec.rate_hz
         for message in self._page.receive():
-            self._take_in(message)
-        self._lead(now_s)
-        if not self._looking:
+            self._handle(message)
+        self._set_pace(now_s)
+        if not self._browsers:
             return
-        if not self._asked or self._page.waiting_bytes > MOST_WAITING_BYTES:
+        if not self._requested or self._page.waiting_bytes > MOST_WAITING_BYTES:
             self._skipped += 1
             return
-        self._asked = False
+        self._requested = False
         self._shown += 1
-        debris = self._debris()
-        self._tell_bodies(debris.bodies)
+        # Waiting launches are included, so that a paused run shows launches immediately
+        debris = self._plant.debris_with(() if self._operator is None else self._operator.waiting_launches)
+        if len(debris.bodies) > self._sent_bodies:
+            self._page.send(ViewUpdate(make_debris_scene(debris.bodies, self._sent_bodies).encode()))
+            self._sent_bodies = len(debris.bodies)
         for watch in self._watches:
             for update in watch.passing_drawings():
                 self._page.send(ViewUpdate(update))
         self._page.send(self._instant(now_s, debris))
 
-    def _take_in(self, message: Mapping[str, Any]) -> None:
+    def _handle(self, message: Mapping[str, Any]) -> None:
         if "browsers" in message:
-            self._looking, self._joined = int(message["browsers"]), int(message["joined"])
-            if not self._looking:
-                self._asked = False
+            self._browsers, self._joined = int(message["browsers"]), int(message["joined"])
+            if not self._browsers:
+                self._requested = False
         elif "ask" in message:
-            self._asked = True
+            self._requested = True
         elif isinstance(action := message.get("action"), dict):
             self._actions += 1
             refusal = self._ask(action)
@@ -363,20 +367,18 @@ class LiveViewNode(RunNode):
                 self._page.send(ViewRefusal(refusal))
 
     def _ask(self, action: Mapping[str, Any]) -> str | None:
-        return (
-            "nobody carries out actions in this run" if self._operator is None else self._operator.ask(action, SOURCE)
-        )
+        return "this run accepts no actions" if self._operator is None else self._operator.ask(action, SOURCE)
 
-    def _lead(self, now_s: float) -> None:
+    def _set_pace(self, now_s: float) -> None:
         """Request the profile's pace at the first browser, unless one is set. Restore it after the last browser."""
-        if self._looking:
+        if self._browsers:
             self._alone_since_s = None
-            if not self._led:
-                self._led = True
+            if not self._watched:
+                self._watched = True
                 if self._paceable and self._spec.pace is not None and self._pace.factor is None:
                     self._ask({"action": "pace", "factor": self._spec.pace})
                     self._unpaced = True
-        elif self._led:
+        elif self._watched:
             self._alone_since_s = self._alone_since_s or now_s
             if now_s - self._alone_since_s >= ALONE_S:
                 self._alone_since_s = None
@@ -386,7 +388,7 @@ class LiveViewNode(RunNode):
         """Remove the pace that the view set. A paused run stays paused, and a message explains how to resume it."""
         if self._unpaced:
             self._ask({"action": "pace", "factor": None})
-        self._led = self._unpaced = False
+        self._watched = self._unpaced = False
         if self._operator is not None and self._operator.paused and self._address is not None:
             self._tell(
                 f"the last browser has closed and the run stays paused: open {self._address.url} and resume it, "
@@ -409,8 +411,11 @@ class LiveViewNode(RunNode):
                 speed = math.hypot(*motion.vel_ned_mps[row, :2].tolist())
                 vessels[vessel.name] = VesselInstant(place, attitude, mode="scripted", numbers={"speed m/s": speed})
         first = plant.vessels[0].state
-        wind, current = (frames.ned_to_enu(one[0]) for one in (first.wind_ned_mps, first.current_ned_mps))
-        events = sorted((event for watch in self._watches for event in watch.events()), key=lambda one: one.time_s)
+        wind, current = (frames.ned_to_enu(stream[0]) for stream in (first.wind_ned_mps, first.current_ned_mps))
+        events = sorted((event for watch in self._watches for event in watch.events()), key=attrgetter("time_s"))
+        waves = None
+        if (field := plant.simulation.environment.waves) is not self._sent_waves:  # an operator changed them
+            self._sent_waves, waves = field, scene_waves(field) or NO_WAVES
         self._rate.append((now_s, now_ns))
         (since_s, since_ns) = self._rate[0]
         pace = (now_ns - since_ns) * 1e-9 / (now_s - since_s) if now_s > since_s else math.nan
@@ -423,26 +428,8 @@ class LiveViewNode(RunNode):
             tuple(events),
             self._paceable and self._pace.paused,
             pace,
-            self._other_waves(),
+            waves,
         )
-
-    def _other_waves(self) -> SceneWaves | None:
-        """Return the new waves if an operator changed them since the last instant, else None."""
-        field = self._plant.simulation.environment.waves
-        if field is self._waves_told:
-            return None
-        self._waves_told = field
-        return scene_waves(field) or NO_WAVES
-
-    def _debris(self) -> DebrisState:
-        """Return the debris in the water and waiting launches, so that a paused run shows launches immediately."""
-        return self._plant.debris_with(() if self._operator is None else self._operator.waiting_launches)
-
-    def _tell_bodies(self, bodies: Sequence[Body]) -> None:
-        """Send new debris to the view process."""
-        if len(bodies) > self._bodies_told:
-            self._page.send(ViewUpdate(make_debris_scene(bodies, self._bodies_told).encode()))
-            self._bodies_told = len(bodies)
 
     def _bodies(self, debris: DebrisState) -> dict[int, BodyInstant]:
         if not debris.bodies:
@@ -455,11 +442,11 @@ class LiveViewNode(RunNode):
         return {number: BodyInstant(places[number], attitudes[number]) for number in range(len(debris.bodies))}
 
     def _on_loss(self, why: str) -> None:
-        self._looking = 0
-        self._ended = f"the 3D view has ended; the run goes on without it{why}"
+        self._browsers = 0
+        self._ended = f"the 3D view has ended; the run continues without it{why}"
         if self._operator is not None and self._operator.paused_by == SOURCE:
             self._ask({"action": "resume"})  # the page that could do so is gone
-            self._ended += "; its pause is over"
+            self._ended += "; its pause has ended"
         self._leave_alone()
         self._tell(f"warning: {self._ended}")
         if self._recorder is not None:

@@ -10,6 +10,7 @@ import io
 import math
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -20,11 +21,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.view.model import Array, ViewInstant
-from xitl_cli.plugins.view.recording import LogScene, open_scene
+from xitl_cli.plugins.view.recording import LogScene, scene_of
 from xitl_cli.plugins.view.replay import ReplayDrawing, unseen_server
 from xitl_cli.plugins.view.replay_page import View, checked_span
 
@@ -76,8 +76,8 @@ class Camera:
         if np.linalg.norm(right) < 1e-6:
             right = np.array([1.0, 0.0, 0.0])
         right = right / np.linalg.norm(right)
-        found: Array = matrix_to_quat(np.column_stack([right, np.cross(ahead, right), ahead]))
-        return found
+        attitude: Array = matrix_to_quat(np.column_stack([right, np.cross(ahead, right), ahead]))
+        return attitude
 
 
 def picture(
@@ -96,14 +96,14 @@ def picture(
     Raises UserError without the extra `view`, without a browser, and for an instant outside of the recording. Raises
     UserError for a size or a vessel that is not valid.
     """
-    if not isinstance(recording, LogScene):
-        with open_scene(recording) as opened:
-            return picture(opened, at_s, size=size, camera=camera, vessel=vessel, dark=dark)
-    begin_s, end_s = recording.span_s
-    if not begin_s <= at_s <= end_s:
-        raise UserError(f"there is nothing at {at_s:g} s: the recording is from {begin_s:.2f} s to {end_s:.2f} s")
-    with _photographer(recording, size, camera, vessel, dark) as photograph:
-        return _png(photograph(at_s))
+    with scene_of(recording) as scene:
+        begin_s, end_s = scene.span_s
+        if not begin_s <= at_s <= end_s:
+            raise UserError(f"no picture at {at_s:g} s: the recording is from {begin_s:.2f} s to {end_s:.2f} s")
+        out = io.BytesIO()
+        with _photographer(scene, size, camera, vessel, dark) as photograph:
+            photograph(at_s).save(out, "PNG", optimize=True)
+        return out.getvalue()
 
 
 def moving_picture(
@@ -123,28 +123,16 @@ def moving_picture(
     speed: playback speed as a multiple of the recorded speed. rate_hz: frames per second of playback. The other
     parameters and errors are those of `picture`. Raises UserError also for more than `MOST_FRAMES` frames.
     """
-    if not isinstance(recording, LogScene):
-        with open_scene(recording) as opened:
-            return moving_picture(
-                opened,
-                from_s,
-                to_s,
-                size=size,
-                camera=camera,
-                vessel=vessel,
-                speed=speed,
-                rate_hz=rate_hz,
-                dark=dark,
+    with scene_of(recording) as scene:
+        span = checked_span(scene, from_s, to_s)
+        frames = max(round(span.length_s / speed * rate_hz), 1)
+        if frames > MOST_FRAMES:
+            raise UserError(
+                f"{span.length_s:.0f} s at {speed:g} × are {frames} pictures, more than {MOST_FRAMES}; choose a "
+                "shorter span (--from, --until) or a higher --speed"
             )
-    span = checked_span(recording, from_s, to_s)
-    frames = max(round(span.length_s / speed * rate_hz), 1)
-    if frames > MOST_FRAMES:
-        raise UserError(
-            f"{span.length_s:.0f} s at {speed:g} × are {frames} pictures, more than {MOST_FRAMES}; choose a shorter "
-            "span (--from, --until) or a higher --speed"
-        )
-    with _photographer(recording, size, camera, vessel, dark) as photograph:
-        pictures = [photograph(span.from_s + span.length_s * number / frames) for number in range(frames)]
+        with _photographer(scene, size, camera, vessel, dark) as photograph:
+            pictures = [photograph(span.from_s + span.length_s * number / frames) for number in range(frames)]
     return _gif(pictures, rate_hz)
 
 
@@ -152,16 +140,16 @@ def find_browser() -> str:
     """Return the path of a browser that renders without a window. Raises UserError if there is none."""
     named = os.environ.get(BROWSER_VARIABLE)
     if named:
-        if found := shutil.which(named):
-            return found
-        raise UserError(f"{BROWSER_VARIABLE}={named}: there is no such program; name Chromium or Chrome, or unset it")
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    if found is None:
-        raise UserError(
-            "a picture needs Chromium, Chrome or Edge, and none is found on this machine; install chromium, or name "
-            f"one in {BROWSER_VARIABLE} (--html needs none)"
-        )
-    return found
+        if path := shutil.which(named):
+            return path
+        raise UserError(f"{BROWSER_VARIABLE}={named} is not a program; name Chromium or Chrome, or unset it")
+    for name in BROWSERS:
+        if path := shutil.which(name):
+            return path
+    raise UserError(
+        "a picture needs Chromium, Chrome or Edge, and this machine has none; install chromium, or name one in "
+        f"{BROWSER_VARIABLE} (--html needs no browser)"
+    )
 
 
 @contextmanager
@@ -171,10 +159,10 @@ def _photographer(
     """Yield a function that renders an instant, at_s, to an image."""
     width, height = size
     if not all(LEAST_PIXELS <= side <= MOST_PIXELS for side in size):
-        raise UserError(f"{width}x{height}: each side of a picture has {LEAST_PIXELS} to {MOST_PIXELS} pixels")
+        raise UserError(f"{width}x{height}: each side of a picture must have {LEAST_PIXELS} to {MOST_PIXELS} pixels")
     if vessel is not None and vessel not in recording.names:
-        there = ", ".join(recording.names) or "one alone"
-        raise UserError(f"there is no vessel {vessel!r} in the recording; it has {there}")
+        names = ", ".join(recording.names) or "a single vessel without a name"
+        raise UserError(f"the recording has no vessel {vessel!r}; it has {names}")
     browser = find_browser()
     with unseen_server() as server:
         drawing = ReplayDrawing(server, recording, dark=dark)
@@ -184,8 +172,8 @@ def _photographer(
             def photograph(at_s: float) -> Image.Image:
                 instant = recording.instant(at_s)
                 drawing.draw(instant)
-                seen = camera if isinstance(camera, Camera) else camera_view(camera, recording, instant, vessel)
-                return _under_the_sky(_rendered(client, seen, size), dark)
+                view = camera if isinstance(camera, Camera) else camera_view(camera, recording, instant, vessel)
+                return _render(client, view, size, dark)
 
             yield photograph
 
@@ -196,7 +184,7 @@ def camera_view(view: View, recording: LogScene, instant: ViewInstant, vessel: s
 
     name = recording.names[0] if vessel is None else vessel
     if view == "all":
-        places = np.concatenate([recording.track(each).pose.position_enu_m[:, :2] for each in recording.names])
+        places = np.concatenate([recording.track(known).pose.position_enu_m[:, :2] for known in recording.names])
         east, north = ((places.min(axis=0) + places.max(axis=0)) / 2.0).tolist()
         extent = max(math.dist(places.min(axis=0), places.max(axis=0)), 20.0)
         return Camera((east, north - 0.5 * extent, 1.0 * extent), (east, north, 0.0))
@@ -222,41 +210,41 @@ def _browser_at(browser: str, server: viser.ViserServer, size: tuple[int, int]) 
         sandbox = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
         url = f"http://127.0.0.1:{server.get_port()}"
         window = f"--window-size={size[0]},{size[1] + 100}"
-        with (Path(home) / "said").open("wb") as said:
+        output = Path(home) / "output"
+        with output.open("wb") as file:
             process = subprocess.Popen(
                 [browser, *_FLAGS, *sandbox, f"--user-data-dir={home}/profile", window, url],
                 stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
+                stdout=file,
+                stderr=file,
                 start_new_session=True,
             )
         try:
             until = time.monotonic() + START_S
             while not server.get_clients():
                 if process.poll() is not None or time.monotonic() > until:
-                    words = (Path(home) / "said").read_text(errors="replace").strip().splitlines()
-                    why = f"; it said: {words[-1][:200]}" if words else ""
+                    lines = output.read_text(errors="replace").strip().splitlines()
+                    why = f"; its last output: {lines[-1][:200]}" if lines else ""
                     state = "ended" if process.poll() is not None else f"did not open the page within {START_S:.0f} s"
                     raise UserError(f"{browser} {state}{why}; try another one, named in {BROWSER_VARIABLE}")
                 time.sleep(0.05)
             yield next(iter(server.get_clients().values()))
         finally:
-            _end(process)
+            # End the browser and its child processes, which form a separate session
+            for number in (signal.SIGTERM, signal.SIGKILL):
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, number)
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(5.0)
+                    break
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the browser and its helper processes, which form a separate session."""
-    import signal
+def _render(client: Any, camera: Camera, size: tuple[int, int], dark: bool) -> Image.Image:
+    """Return a picture. The browser renders only the objects in front of the sky, so the sky is added behind them."""
+    from PIL import Image
 
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, number)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(5.0)
-            return
+    from xitl_cli.plugins.view.drawing import DAY, NIGHT, sky_rows
 
-
-def _rendered(client: Any, camera: Camera, size: tuple[int, int]) -> NDArray[np.uint8]:
     width, height = size
     try:
         pixels = client.get_render(
@@ -270,30 +258,15 @@ def _rendered(client: Any, camera: Camera, size: tuple[int, int]) -> NDArray[np.
         )
     except (RuntimeError, TimeoutError) as error:
         raise UserError(
-            f"the browser made no picture ({error}); try a smaller --size, or another {BROWSER_VARIABLE}"
+            f"the browser returned no picture ({error}); try a smaller --size, or another {BROWSER_VARIABLE}"
         ) from error
-    return np.ascontiguousarray(pixels)
-
-
-def _under_the_sky(pixels: NDArray[np.uint8], dark: bool) -> Image.Image:
-    """Return the picture with a sky behind it. The browser renders only the objects in front of the sky."""
-    from PIL import Image
-
-    from xitl_cli.plugins.view.drawing import DAY, NIGHT, sky_rows
-
-    front = Image.fromarray(pixels).convert("RGBA")
+    front = Image.fromarray(np.ascontiguousarray(pixels)).convert("RGBA")
     sky = Image.fromarray(sky_rows(NIGHT if dark else DAY)[:, None]).resize(front.size, Image.Resampling.BILINEAR)
     return Image.alpha_composite(sky.convert("RGBA"), front).convert("RGB")
 
 
-def _png(image: Image.Image) -> bytes:
-    out = io.BytesIO()
-    image.save(out, "PNG", optimize=True)
-    return out.getvalue()
-
-
 def palette_of(image: Image.Image, colours: int) -> Image.Image:
-    """Return a palette of so many colours for an image, as `quantize` takes it.
+    """Return a palette with this number of colours for an image, for its method `quantize`.
 
     Half of the colours are for large areas, which would otherwise show bands. The other half covers all hues, so that a
     thin line or a small mark keeps its colour.
@@ -301,9 +274,9 @@ def palette_of(image: Image.Image, colours: int) -> Image.Image:
     from PIL import Image
 
     half = colours // 2
-    found = [image.quantize(half, method) for method in (Image.Quantize.MEDIANCUT, Image.Quantize.FASTOCTREE)]
+    halves = [image.quantize(half, method) for method in (Image.Quantize.MEDIANCUT, Image.Quantize.FASTOCTREE)]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([value for one in found for value in (one.getpalette() or [])[: 3 * half]])
+    palette.putpalette([value for part in halves for value in (part.getpalette() or [])[: 3 * half]])
     return palette
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from xitl_cli.pipe import Pipe, until_closed
 from xitl_cli.plugins.view.camera import Cameras
 from xitl_cli.plugins.view.controls import Controls
-from xitl_cli.plugins.view.drawing import SceneDrawing
+from xitl_cli.plugins.view.drawing import SceneDrawing, add_drawing_options
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import BodyInstant, SceneMesh, ViewInstant
 from xitl_cli.plugins.view.readouts import Readouts
@@ -33,7 +33,7 @@ from xitl_cli.plugins.view.scene import (
 )
 from xitl_cli.plugins.view.server import make_server
 
-LOOK_S = 0.25
+CHECK_S = 0.25
 """Period of the check for new browsers while there is nothing to draw."""
 FAREWELL_S = 1.0
 """Time for which an open page stays after the end of the run, so that it shows the end."""
@@ -56,32 +56,15 @@ class ViewProcess:
         if start.operated:
             water, faults = scene.water, dict(start.faults)
             self._controls = Controls(server, self.act, start.profiles, start.lockstep, faults, water, start.pace)
-        self._add_options(start.dark)
+        add_drawing_options(server, self._drawing)
         self._meshes: dict[int, SceneMesh] = {}
         self._passing: dict[str, DrawnEntity] = {}
         self._browsers = 0
-        self._came: set[int] = set()  # by number: those that come at once do so in several threads
-        self._told = (0, 0)
-        self._asked = False
-        server.on_client_connect(self._join)
-
-    def _add_options(self, dark: bool) -> None:
-        gui, drawing = self._server.gui, self._drawing
-        with gui.add_folder("Show", order=7.0, expand_by_default=False):
-            estimates = gui.add_checkbox("Where it takes itself to be", True)
-            clouds = gui.add_checkbox("Lidar and sonar", True)
-            night = gui.add_checkbox("Night", dark)
-        estimates.on_update(lambda event: drawing.show_estimates(estimates.value))
-        clouds.on_update(lambda event: drawing.show_clouds(clouds.value))
-
-        def change(event: object) -> None:
-            drawing.dark = night.value
-            gui.configure_theme(dark_mode=night.value, show_logo=False, show_share_button=False)
-
-        night.on_update(change)
-
-    def _join(self, client: Any) -> None:
-        self._came.add(client.client_id)
+        self._joined: set[int] = set()
+        """Numbers of all browsers so far. Several of them may join at once, in several threads."""
+        self._reported = (0, 0)
+        self._requested = False
+        server.on_client_connect(lambda client: self._joined.add(client.client_id))
 
     def act(self, action: Mapping[str, Any]) -> None:
         """Send an action to the run."""
@@ -92,35 +75,35 @@ class ViewProcess:
         while True:
             for message in messages:
                 if isinstance(message, ViewInstant):
-                    self._asked = False
+                    self._requested = False
                     self._draw(message)
                 elif isinstance(message, ViewUpdate):
                     entities = read_scene_updates(message.update)
                     self._meshes |= read_bodies(entities)
                     self._passing |= {entity.name: entity for entity in read_passing(entities)}
                 elif isinstance(message, ViewRefusal):
-                    self._notify("Not done", message.text, "red", 12.0)
+                    self._notify("Refused", message.text, "red", 12.0)
                     if self._controls is not None:
                         self._controls.refused(message.text)
                 elif isinstance(message, ViewEnd):
-                    self._notify("The run is over", message.text, "blue", None)
+                    self._notify("The run has ended", message.text, "blue", None)
                     if self._browsers:
                         self._server.flush()
                         time.sleep(FAREWELL_S)
                     return
-            self._tell()
-            messages = self._pipe.receive(LOOK_S)
+            self._report_browsers()
+            messages = self._pipe.receive(CHECK_S)
 
-    def _tell(self) -> None:
+    def _report_browsers(self) -> None:
         """Report the number of browsers to the run. With at least one, request the next instant."""
         browsers = len(self._server.get_clients())
-        joined = len(self._came)
-        if (browsers, joined) != self._told:
-            self._browsers, self._told = browsers, (browsers, joined)
-            self._asked = self._asked and browsers > 0
+        joined = len(self._joined)
+        if (browsers, joined) != self._reported:
+            self._browsers, self._reported = browsers, (browsers, joined)
+            self._requested = self._requested and browsers > 0
             self._pipe.send({"browsers": browsers, "joined": joined})
-        if browsers and not self._asked:
-            self._asked = True
+        if browsers and not self._requested:
+            self._requested = True
             self._pipe.send({"ask": True})
 
     def _draw(self, instant: ViewInstant) -> None:

@@ -49,17 +49,17 @@ class Readouts:
         self._subject = None
         if len(self._names) > 1:
             self._subject = gui.add_dropdown("Vessel", tuple(self._names), initial_value=self._names[0], order=2.0)
-            self._subject.on_update(lambda event: self._forget_shown())
+            self._subject.on_update(self._refresh)
         self._table = gui.add_html("", order=3.0)
         self._lengths_m = {name: vessel.length_m for name, vessel in scene.vessels.items()}
         with gui.add_folder("Legend", order=3.5):
             self._legend = gui.add_html("", order=0.0)
         self._plot_folder = gui.add_folder("Plots", order=4.0)
-        self._said = gui.add_html("", order=5.0)
+        self._messages = gui.add_html("", order=5.0)
         for note in scene.notes:
             gui.add_markdown(html.escape(note), order=6.0)
 
-    def _forget_shown(self) -> None:
+    def _refresh(self, event: object) -> None:
         self._shown_s = -math.inf
 
     @property
@@ -73,11 +73,11 @@ class Readouts:
             for label in PLOTS:
                 value = vessel.numbers.get(label)
                 if value is not None and math.isfinite(value):
-                    kept = self._series.setdefault((name, label), deque(maxlen=SAMPLES))
-                    if kept and instant.time_s < kept[-1][0]:
-                        kept.clear()
-                    if not kept or instant.time_s - kept[-1][0] >= PLOT_S / SAMPLES:
-                        kept.append((instant.time_s, value))
+                    series = self._series.setdefault((name, label), deque(maxlen=SAMPLES))
+                    if series and instant.time_s < series[-1][0]:
+                        series.clear()
+                    if not series or instant.time_s - series[-1][0] >= PLOT_S / SAMPLES:
+                        series.append((instant.time_s, value))
         if now_s - self._shown_s < REFRESH_S:
             return
         self._shown_s = now_s
@@ -85,49 +85,44 @@ class Readouts:
         if chosen is not None:
             self._table.content = table_html(instant, chosen)
             self._draw_plots(instant.time_s)
-            self._draw_legend(instant)
+            first = next(iter(instant.vessels))  # the arrows are at this vessel
+            legend = legend_html(instant, self._lengths_m.get(first, PLAIN_LENGTH_M))
+            if self._legend.content != legend:
+                self._legend.content = legend
         if self._events:
-            self._said.content = events_html(list(self._events))
-
-    def _draw_legend(self, instant: ViewInstant) -> None:
-        first = next(iter(instant.vessels))  # the arrows are at this vessel
-        content = legend_html(instant, self._lengths_m.get(first, PLAIN_LENGTH_M))
-        if self._legend.content != content:
-            self._legend.content = content
+            self._messages.content = events_html(list(self._events))
 
     def _draw_plots(self, time_s: float) -> None:
         name = self._name
         for number, label in enumerate(PLOTS):
-            kept = self._series.get((name, label))
+            series = self._series.get((name, label))
             plot = self._plots.get(label)
-            if not kept or len(kept) < 2:
+            if not series or len(series) < 2:
                 if plot is not None and plot.visible:
                     plot.visible = False
                 continue
-            times, values = np.array(kept).T
+            times, values = np.array(series).T
             recent = times >= time_s - PLOT_S
             data = times[recent], values[recent]
             if len(data[0]) < 2:
                 continue
             if plot is None:
+                line = {"label": label, "stroke": COLOURS[number], "width": 2, "points": {"show": False}}
                 with self._plot_folder:
-                    self._plots[label] = self._add_plot(label, COLOURS[number], data, 4.0 + 0.01 * number)
+                    self._plots[label] = self._server.gui.add_uplot(
+                        data=data,
+                        series=({"label": "s"}, line),
+                        title=label,
+                        scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
+                        axes=({"size": 24, **AXIS}, {"size": 46, **AXIS}),
+                        legend={"show": False},
+                        height=110,
+                        order=4.0 + 0.01 * number,
+                    )
             else:
                 plot.data = data
                 if not plot.visible:
                     plot.visible = True
-
-    def _add_plot(self, label: str, colour: str, data: tuple[Any, ...], order: float) -> Any:
-        return self._server.gui.add_uplot(
-            data=data,
-            series=({"label": "s"}, {"label": label, "stroke": colour, "width": 2, "points": {"show": False}}),
-            title=label,
-            scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
-            axes=({"size": 24, **AXIS}, {"size": 46, **AXIS}),
-            legend={"show": False},
-            height=110,
-            order=order,
-        )
 
 
 def table_html(instant: ViewInstant, vessel: VesselInstant) -> str:

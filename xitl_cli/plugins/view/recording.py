@@ -11,7 +11,7 @@ import json
 import math
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from operator import attrgetter
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
-from agent.wire.dialect import MAV_SEVERITY_INFO as _SAID  # of a text whose log does not say
+from agent.wire.dialect import MAV_SEVERITY_INFO
 from sim_core.frames import ned_to_enu, quat_ned_frd_to_enu_flu
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.compare.pairing import pair_logs, paired_events
@@ -129,11 +129,7 @@ class DriftingBody:
 
 
 class LogScene:
-    """Logs of vessels as one scene. It is a context manager that closes the logs.
-
-    scene: the constant part. Its notes explain the alignment of the logs, and the data that they lack. span_s: first
-    and last time with a known pose of any vessel. marks: events in order of time.
-    """
+    """Logs of vessels as one scene. It is a context manager that closes the logs."""
 
     def __init__(
         self,
@@ -144,38 +140,44 @@ class LogScene:
         passing: Sequence[DrawnEntity] = (),
     ) -> None:
         self.scene = scene
+        """The constant part. Its notes explain the alignment of the logs, and the data that they lack."""
         self._passing = sorted(passing, key=attrgetter("from_s"))
         self._passing_s = [entity.from_s for entity in self._passing]
         self._longest_s = max((entity.lifetime_s for entity in passing), default=0.0)
         self._placed = placed
         self._others = others
         self._bodies = bodies
-        spans = [one.track.pose.span_s for one in placed]
+        spans = [vessel.track.pose.span_s for vessel in placed]
         self.span_s = min(span[0] for span in spans), max(span[1] for span in spans)
+        """First and last time with a known pose of any vessel."""
         lead = placed[0]
         self._waves = _seas(lead, scene.water.waves)
         self._wind, self._current = (_stream(lead, name) for name in ("wind_ned_mps", "current_ned_mps"))
-        self._said = sorted((event for one in placed for event in _said(one)), key=lambda event: event.time_s)
+        self._events = sorted((event for vessel in placed for event in _events(vessel)), key=attrgetter("time_s"))
         self.marks = _marks(placed, self.span_s)
+        """Events in order of time."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the vessels that have a log."""
-        return tuple(one.name for one in self._placed)
+        return tuple(vessel.name for vessel in self._placed)
 
     @property
     def logs(self) -> tuple[Log, ...]:
         """One log per file."""
-        return tuple({one.log.path: one.log for one in self._placed}.values())
+        return tuple({vessel.log.path: vessel.log for vessel in self._placed}.values())
 
     def track(self, name: str) -> VesselTrack:
         """Return the data of one vessel over time."""
-        return next(one.track for one in self._placed if one.name == name)
+        return next(vessel.track for vessel in self._placed if vessel.name == name)
 
     def instant(self, time_s: float, since_s: float | None = None, seen: bool = True) -> ViewInstant:
         """Return the world at time_s, with the messages after since_s. seen: include the clouds of sensors."""
-        vessels = {one.name: one.track.at(time_s, seen) for one in self._placed}
+        vessels = {vessel.name: vessel.track.at(time_s, seen) for vessel in self._placed}
         vessels |= {name: VesselInstant(*pose.at(time_s)) for name, pose in self._others.items()}
+        first = bisect_right(self._passing_s, time_s - self._longest_s)
+        behind = bisect_right(self._passing_s, time_s + ROUNDING_S)
+        latest = {entity.name: entity for entity in self._passing[first:behind]}  # temporary drawings
         return ViewInstant(
             time_s,
             vessels,
@@ -186,16 +188,10 @@ class LogScene:
                 for number, body in self._bodies.items()
                 if body.pose.span_s[0] <= time_s
             },
-            tuple(event for event in self._said if since_s is not None and since_s < event.time_s <= time_s),
+            tuple(event for event in self._events if since_s is not None and since_s < event.time_s <= time_s),
             waves=None if self._waves is None else self._waves.at(time_s),
-            drawings=self._drawings(time_s),
+            drawings=passing_at(latest, time_s),
         )
-
-    def _drawings(self, time_s: float) -> dict[str, tuple[SceneMesh, ...]]:
-        """Return the meshes of the latest temporary drawing of each name."""
-        first = bisect_right(self._passing_s, time_s - self._longest_s)
-        behind = bisect_right(self._passing_s, time_s + ROUNDING_S)
-        return passing_at({entity.name: entity for entity in self._passing[first:behind]}, time_s)
 
     def findings(self) -> list[SceneFinding]:
         """Run all analyses on all logs and return their findings, the worst first. It takes seconds."""
@@ -207,49 +203,39 @@ class LogScene:
             analyses = log_analyses()
         except PluginError as error:
             return [SceneFinding(None, Severity.NOTICE, "The logs are not analysed", str(error))]
-        paths = list(dict.fromkeys(one.log.path for one in self._placed))
-        found: list[tuple[str, SceneFinding]] = []
-        for vessel in dict.fromkeys(one.log.vessel for one in self._placed):
-            own = [path for path in paths if vessel in self._vessels_of(path)]
-            report = build_report(own, analyses, vessel=vessel)
-            found += self._of_report(report)
-        return _worst_first(found)
+        paths: dict[str, dict[Path, None]] = {}  # logs of each vessel
+        for vessel in self._placed:
+            paths.setdefault(vessel.log.vessel, {})[vessel.log.path] = None
+        findings: list[tuple[str, SceneFinding]] = []
+        for name, logs in paths.items():
+            findings += self._of_report(build_report(list(logs), analyses, vessel=name))
+        return _worst_first(findings)
 
     def findings_of(self, report: Report) -> list[SceneFinding]:
         """Return the findings of a report for the logs of this scene, the worst first. Other files are omitted."""
-        return _worst_first([*self._of_report(report)])
+        return _worst_first(list(self._of_report(report)))
 
     def lead_second(self, stamp_ns: int) -> tuple[Path, float]:
         """Return the path of the lead log, and one of its stamps as time on the time line of the scene."""
         return self._placed[0].log.path, self._placed[0].second(stamp_ns)
 
     def _of_report(self, report: Report) -> Iterator[tuple[str, SceneFinding]]:
-        for each in report.findings:
-            placed = self._placed_of(each.file.path, each.file.vessel)
-            if each.finding.severity is Severity.OK or placed is None:
+        """Yield key and finding of each problem in a report, for the logs of this scene."""
+        placed = {(vessel.log.path, vessel.log.vessel): vessel for vessel in reversed(self._placed)}
+        for entry in report.findings:
+            vessel, finding = placed.get((entry.file.path, entry.file.vessel)), entry.finding
+            if finding.severity is Severity.OK or vessel is None:
                 continue
-            at_ns = next((one.at_ns for one in each.finding.evidence if one.at_ns is not None), None)
-            about = f"{placed.name}: " if placed.name and len(self._placed) > 1 else ""
-            yield (
-                each.finding.key,
-                SceneFinding(
-                    None if at_ns is None else min(max(placed.second(at_ns), self.span_s[0]), self.span_s[1]),
-                    each.finding.severity,
-                    about + each.finding.sentence,
-                    each.finding.next_step,
-                ),
-            )
-
-    def _vessels_of(self, path: Path) -> set[str]:
-        return {one.log.vessel for one in self._placed if one.log.path == path}
-
-    def _placed_of(self, path: Path, vessel: str) -> PlacedLog | None:
-        return next((one for one in self._placed if one.log.path == path and one.log.vessel == vessel), None)
+            at_ns = next((evidence.at_ns for evidence in finding.evidence if evidence.at_ns is not None), None)
+            time_s = None if at_ns is None else min(max(vessel.second(at_ns), self.span_s[0]), self.span_s[1])
+            about = f"{vessel.name}: " if vessel.name and len(self._placed) > 1 else ""
+            sentence = about + finding.sentence
+            yield finding.key, SceneFinding(time_s, finding.severity, sentence, finding.next_step)
 
     def close(self) -> None:
         """Close the logs. Instants cannot be drawn afterwards, because their clouds are read from the logs."""
-        for one in self._placed:
-            one.log.close()
+        for vessel in self._placed:
+            vessel.log.close()
 
     def __enter__(self) -> Self:
         return self
@@ -273,10 +259,10 @@ class _Recording:
         return [entity for _, entities in self.drawn for entity in entities]
 
 
-def _worst_first(found: Sequence[tuple[str, SceneFinding]]) -> list[SceneFinding]:
+def _worst_first(findings: Sequence[tuple[str, SceneFinding]]) -> list[SceneFinding]:
     """Return the findings without duplicates of key and sentence, the worst first."""
     once: dict[tuple[str, str], SceneFinding] = {}
-    for key, finding in found:
+    for key, finding in findings:
         once.setdefault((key, finding.sentence), finding)
     return sorted(once.values(), key=lambda finding: -finding.severity)
 
@@ -288,19 +274,22 @@ def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
     log, or if no log has both positions and attitudes.
     """
     if not paths:
-        raise LogError("no log was given; name a .bin, a .tlog or an .mcap")
+        raise LogError("no log; name a .bin, a .tlog or an .mcap")
     with ExitStack() as opened:
         logs = [log for path in dict.fromkeys(paths) for log in _open_vessels(path, vessel, opened)]
-        recordings = {log.path: _recording(log, opened) for log in logs}
+        recordings: dict[Path, _Recording] = {}
+        for log in logs:  # several of them for a recording of several vessels
+            if log.path not in recordings:
+                recordings[log.path] = _recording(log, opened)
         lead = next((log for log in logs if recordings[log.path].drawn), logs[0])
         logs.sort(key=lambda log: log.path != lead.path)
         notes: list[str] = []
         placed = _place_logs(logs, notes)
         scene, others, bodies = _surroundings(placed, recordings, notes)
         opened.pop_all()
-        for each in recordings.values():
-            if each.raw not in logs:
-                each.raw.close()
+        for recording in recordings.values():
+            if recording.raw not in logs:
+                recording.raw.close()
     passing = [
         replace(entity, from_s=placed[0].second(stamp_ns))
         for stamp_ns, entities in recordings[lead.path].drawn
@@ -309,16 +298,28 @@ def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
     return LogScene(scene, placed, others, bodies, passing)
 
 
+@contextmanager
+def scene_of(recording: LogScene | Sequence[Path]) -> Iterator[LogScene]:
+    """Yield an open scene as it is, or the scene of the logs at paths, which is closed afterwards."""
+    if isinstance(recording, LogScene):
+        yield recording
+    else:
+        with open_scene(recording) as scene:
+            yield scene
+
+
 def _open_vessels(path: Path, vessel: str | None, opened: ExitStack) -> Iterator[Log]:
     """Yield the log. For a recording of several vessels, yield one log per vessel."""
-    log = opened.enter_context(open_log(path))
-    if not log.vessels:
-        if vessel and log.base == "simulation":
-            open_log(path, vessel)  # which refuses it
-        yield log
+    log = open_log(path)
+    if log.vessels:
+        log.close()
+        for name in (vessel,) if vessel else log.vessels:
+            yield opened.enter_context(open_log(path, name))
         return
-    for name in (vessel,) if vessel else log.vessels:
-        yield opened.enter_context(open_log(path, name))
+    opened.enter_context(log)
+    if vessel and log.base == "simulation":
+        open_log(path, vessel)  # which refuses it
+    yield log
 
 
 def _recording(log: Log, opened: ExitStack) -> _Recording:
@@ -332,7 +333,11 @@ def _recording(log: Log, opened: ExitStack) -> _Recording:
 
 def _place_logs(logs: Sequence[Log], notes: list[str]) -> list[PlacedLog]:
     """Return the logs that have positions and attitudes. The first is the lead, to which the others are aligned."""
-    names = _vessel_names(logs)
+    names = [log.vessel for log in logs]
+    paths = list(dict.fromkeys(log.path for log in logs))
+    if len(paths) > 1:  # the names begin with the file's name, and contain no `/`
+        files = dict(zip(paths, short_names(paths), strict=True))
+        names = [f"{files[log.path]} {log.vessel}".strip().replace("/", " ") for log in logs]
     placed: list[PlacedLog] = []
     lacking: list[str] = []
     for log, name in zip(logs, names, strict=True):
@@ -356,27 +361,18 @@ def _place_logs(logs: Sequence[Log], notes: list[str]) -> list[PlacedLog]:
     return placed
 
 
-def _vessel_names(logs: Sequence[Log]) -> list[str]:
-    """Return the vessels' names. With several files, they begin with the file's name and contain no `/`."""
-    paths = list(dict.fromkeys(log.path for log in logs))
-    if len(paths) == 1:
-        return [log.vessel for log in logs]
-    by_path = dict(zip(paths, short_names(paths), strict=True))
-    return [f"{by_path[log.path]} {log.vessel}".strip().replace("/", " ") for log in logs]
-
-
 def _lack(log: Log) -> str:
     """Return a clause about the data that the log lacks for drawing, empty if it is complete."""
     if log.span_ns is None:
-        return "holds nothing with a time, so there is nothing to draw; give another log"
+        return "has no data with a time, so it cannot be drawn; give another log"
     sources: tuple[signals.SignalSource, ...] = ("truth", "estimate")
     place = any(signals.position_ned(log, of) is not None for of in sources)
     turn = any(signals.yaw(log, of) is not None for of in sources)
     if place and turn:
         return ""
-    what = "position" if turn else "attitude" if place else "position and no attitude"
+    missing = "position" if turn else "attitude" if place else "position and no attitude"
     return (
-        f"has no {what}, so it cannot be drawn; give a log with both (POS or GPS and ATT, GLOBAL_POSITION_INT and "
+        f"has no {missing}, so it cannot be drawn; give a log with both (POS or GPS and ATT, GLOBAL_POSITION_INT and "
         "ATTITUDE, or an odometry or pose topic)"
     )
 
@@ -393,9 +389,9 @@ def _seconds(log: Log, lead: PlacedLog | None, name: str, notes: list[str]) -> S
     except LogError:
         first_ns = (log.span_ns or (0, 0))[0]
         begins_s = lead.track.pose.span_s[0]
-        notes.append(f"{name}: no common time with {lead.name} was found; it begins when that one does")
+        notes.append(f"{name}: has no common time with {lead.name}; both begin at the same time here")
         return lambda stamp_ns: (np.asarray(stamp_ns, dtype=np.int64) - first_ns).astype(np.float64) * 1e-9 + begins_s
-    notes.append(f"{name}: laid on the time of {lead.name}: {pairing.sentence}")
+    notes.append(f"{name}: aligned with the time of {lead.name}: {pairing.sentence}")
     return lambda stamp_ns: lead.seconds(pairing.on_a(np.asarray(stamp_ns, dtype=np.int64)))
 
 
@@ -406,31 +402,26 @@ def _map_place(log: Log, lead: PlacedLog | None, seconds: Seconds, name: str, no
         return MapPlace(own) if lead is None else lead.place
     about = lead.place.origin
     if about is not None and (own is not None or signals.position_ned(log, "estimate", about) is not None):
-        found = next(
-            (path for of in ("truth", "estimate") if (path := signals.position_ned(log, of, about)) is not None),
-            None,
-        )
-        if found is not None and found.origin == about and np.hypot(*found.path.values[0, :2]) < FARTHEST_M:
+        position = signals.position_ned(log, "truth", about) or signals.position_ned(log, "estimate", about)
+        if position is not None and position.origin == about and np.hypot(*position.path.values[0, :2]) < FARTHEST_M:
             return MapPlace(about, lead.place.shift_enu_m)
     alone = read_vessel(log, seconds, MapPlace(own))
     if alone is None:
         return MapPlace(own)
     starts_s = max(alone.pose.span_s[0], lead.track.pose.span_s[0])
     shift = lead.track.pose.at(starts_s)[0] - alone.pose.at(starts_s)[0]
-    why = "has no place on the Earth" if own is None else f"is elsewhere on the Earth than {lead.name}"
+    why = "has no place on the Earth" if own is None else f"is too far from {lead.name} for one map"
     if about is None and own is not None:
-        why = f"has a place on the Earth, which {lead.name} has not"
-    notes.append(f"{name}: {why}; both are drawn from one start")
+        why = f"has a place on the Earth, but {lead.name} has none"
+    notes.append(f"{name}: {why}; both start at the same place here")
     east, north, up = shift.tolist()
     return MapPlace(own, (east, north, up))
 
 
 def _origin(log: Log) -> tuple[float, float, float] | None:
     """Return the origin of the log's own map."""
-    for of in ("truth", "estimate"):
-        if (found := signals.position_ned(log, of)) is not None:
-            return found.origin
-    return None
+    position = signals.position_ned(log, "truth") or signals.position_ned(log, "estimate")
+    return None if position is None else position.origin
 
 
 def _surroundings(
@@ -439,65 +430,57 @@ def _surroundings(
     """Return the lead's scene with the vessels of all logs. Set the recorded missions in `placed`."""
     lead = placed[0]
     recording = recordings[lead.log.path]
-    title = ", ".join(one.name or one.log.path.name for one in placed)
+    title = ", ".join(vessel.name or vessel.log.path.name for vessel in placed)
     scene = make_view_scene(title, recording.entities, recording.profiles)
     vessels: dict[str, SceneVessel] = {}
     plain: list[str] = []
     length_m = max((vessel.length_m for vessel in scene.vessels.values()), default=PLAIN_LENGTH_M)
-    for number, one in enumerate(placed):
-        theirs = recordings[one.log.path]
-        known = scene if theirs is recording else make_view_scene(title, theirs.entities, theirs.profiles)
-        drawn = known.vessels.get(one.log.vessel)
+    for number, vessel in enumerate(placed):
+        own = recordings[vessel.log.path]
+        own_scene = scene if own is recording else make_view_scene(title, own.entities, own.profiles)
+        drawn = own_scene.vessels.get(vessel.log.vessel)
         if drawn is None:
             drawn = plain_vessel(length_m, len(plain))
-            plain.append(one.name or one.log.path.name)
-        if missions := _drawn_missions(theirs, one, lead):
-            placed[number] = replace(one, track=replace(one.track, missions=missions))
-        vessels[one.name] = replace(
-            drawn, mission_enu_m=mission_at(placed[number].track.missions, -math.inf).places_enu_m
-        )
+            plain.append(vessel.name or vessel.log.path.name)
+        missions = _drawn_missions(own, vessel) or vessel.track.missions
+        placed[number] = replace(vessel, track=replace(vessel.track, missions=missions))
+        vessels[vessel.name] = replace(drawn, mission_enu_m=mission_at(missions, -math.inf).places_enu_m)
     others: dict[str, PoseTrack] = {}
     if len(recordings) == 1 or lead.log.vessels:
-        for name in scene.vessels.keys() - {one.log.vessel for one in placed if one.log.path == lead.log.path}:
-            pose = _scripted(recording.raw, name, lead.seconds)
+        for name in scene.vessels.keys() - {vessel.log.vessel for vessel in placed if vessel.log.path == lead.log.path}:
+            table = recording.raw.tables.get(f"/{vessel_name('truth/state', name)}")  # of a vessel without an autopilot
+            pose = None if table is None else _poses(table, np.arange(len(table)), lead.seconds)
             if name and pose is not None:
                 others[name] = pose
                 vessels[name] = scene.vessels[name]
     if plain:
         notes.append(
-            f"{', '.join(plain)}: the log does not say what the vessel looks like; a plain boat of 2 m is drawn"
+            f"{', '.join(plain)}: the log does not describe the shape of the vessel; a plain boat of 2 m is drawn"
         )
     water = scene.water
     if not recording.drawn:
-        water = _plain_water([one.track.pose for one in placed])
-        notes.append(f"{lead.log.path.name}: has no scene; the water is drawn plain, without banks and waves")
+        water = _plain_water([vessel.track.pose for vessel in placed])
+        notes.append(f"{lead.log.path.name}: has no scene; the water is drawn without banks and waves")
     elif not recording.profiles:
         notes.append(
-            f"{lead.log.path.name}: keeps no profile that is understood here; the water is drawn without waves"
+            f"{lead.log.path.name}: has no profile that this version can read; the water is drawn without waves"
         )
-    said = tuple(dict.fromkeys(notes))
-    return replace(scene, vessels=vessels, water=water, notes=(*scene.notes, *said)), others, _bodies(recording, lead)
+    scene = replace(scene, vessels=vessels, water=water, notes=(*scene.notes, *dict.fromkeys(notes)))
+    return scene, others, _bodies(recording, lead)
 
 
-def _drawn_missions(recording: _Recording, one: PlacedLog, lead: PlacedLog) -> tuple[MissionChange, ...]:
+def _drawn_missions(recording: _Recording, vessel: PlacedLog) -> tuple[MissionChange, ...]:
     """Return the missions of a run's vessel, in the map of the scene. They are empty without waypoints."""
-    found = []
-    for stamp_ns, entities in recording.drawn:
-        places = read_missions(entities).get(one.log.vessel)
-        if places is not None and len(places) > 1:
-            found.append(MissionChange(one.second(stamp_ns), places + _moved(one, lead)))
-    return tuple(found)
-
-
-def _moved(one: PlacedLog, lead: PlacedLog) -> Array:
-    """Return the shift (3,) in ENU from the map of a run to the map of the scene."""
-    own = _origin(one.log)
-    if own is None or one.place.origin is None or own == one.place.origin:
-        return np.asarray(one.place.shift_enu_m)
-    ned = LocalFrame(*one.place.origin).ned(*(np.array([value]) for value in own))[0]
-    enu: Array = ned_to_enu(ned)
-    moved: Array = enu + np.asarray(one.place.shift_enu_m)
-    return moved
+    plans = [(stamp_ns, read_missions(entities).get(vessel.log.vessel)) for stamp_ns, entities in recording.drawn]
+    plans = [(stamp_ns, places) for stamp_ns, places in plans if places is not None and len(places) > 1]
+    if not plans:
+        return ()
+    # The shift from the map of the run to the map of the scene
+    shift_enu_m, own, origin = np.asarray(vessel.place.shift_enu_m), _origin(vessel.log), vessel.place.origin
+    if own is not None and origin is not None and own != origin:
+        ned = LocalFrame(*origin).ned(*(np.array([value]) for value in own))[0]
+        shift_enu_m = ned_to_enu(ned) + shift_enu_m
+    return tuple(MissionChange(vessel.second(stamp_ns), places + shift_enu_m) for stamp_ns, places in plans)
 
 
 def _plain_water(poses: Sequence[PoseTrack]) -> SceneWater:
@@ -508,19 +491,13 @@ def _plain_water(poses: Sequence[PoseTrack]) -> SceneWater:
     return SceneWater(0.0, (east, north), (wide, long))
 
 
-def _scripted(raw: Log, name: str, seconds: Seconds) -> PoseTrack | None:
-    """Return the poses of a fleet's vessel without an autopilot."""
-    table = raw.tables.get(f"/{vessel_name('truth/state', name)}")
-    return None if table is None else _poses(table, np.arange(len(table)), seconds)
-
-
 def _poses(table: Table, rows: NDArray[np.intp], seconds: Seconds) -> PoseTrack | None:
     """Return the poses from the columns position_ned_m and quaternion_ned_frd, None without them."""
     if not {"position_ned_m", "quaternion_ned_frd"} <= set(table.columns) or not len(rows):
         return None
-    at_s, kept = forward(seconds(table.stamp_ns[rows]))
-    place = ned_to_enu(np.asarray(table.values("position_ned_m", rows[kept]), dtype=np.float64))
-    turn = quat_ned_frd_to_enu_flu(np.asarray(table.values("quaternion_ned_frd", rows[kept]), dtype=np.float64))
+    at_s, later = forward(seconds(table.stamp_ns[rows]))
+    place = ned_to_enu(np.asarray(table.values("position_ned_m", rows[later]), dtype=np.float64))
+    turn = quat_ned_frd_to_enu_flu(np.asarray(table.values("quaternion_ned_frd", rows[later]), dtype=np.float64))
     return PoseTrack(at_s, place, at_s, continuous(turn))
 
 
@@ -530,12 +507,12 @@ def _bodies(recording: _Recording, lead: PlacedLog) -> dict[int, DriftingBody]:
         return {}
     meshes = read_bodies(recording.entities)
     numbers = np.asarray(table.values("number"), dtype=np.int64)
-    found = {}
+    bodies = {}
     for number in np.unique(numbers).tolist():
         pose = _poses(table, np.flatnonzero(numbers == number), lead.seconds)
         if pose is not None:
-            found[number] = DriftingBody(pose, meshes.get(number))
-    return found
+            bodies[number] = DriftingBody(pose, meshes.get(number))
+    return bodies
 
 
 def _stream(lead: PlacedLog, field: str) -> HeldValues | None:
@@ -555,8 +532,8 @@ class _Seas:
     def at(self, time_s: float) -> SceneWaves:
         """Return the waves at a time. The object stays the same until the waves change."""
         row = int(np.searchsorted(self._seconds, time_s, side="right")) - 1
-        found: SceneWaves = self._first if row < 0 else self._read(row)
-        return found
+        waves: SceneWaves = self._first if row < 0 else self._read(row)
+        return waves
 
     def _sea(self, row: int) -> SceneWaves:
         components = np.array(
@@ -580,38 +557,37 @@ def _flow(stream: HeldValues | None, time_s: float) -> tuple[float, float]:
     return (0.0, 0.0) if ned is None or not np.isfinite(ned).all() else (float(ned[1]), float(ned[0]))
 
 
-def _said(one: PlacedLog) -> Iterator[ViewEvent]:
-    who = f"{one.name}: " if one.name else ""
-    for text in signals.texts(one.log):
-        severity = _SAID if text.severity is None else text.severity
-        yield ViewEvent(one.second(text.at_ns), severity, who + text.text.strip())
+def _events(vessel: PlacedLog) -> Iterator[ViewEvent]:
+    who = f"{vessel.name}: " if vessel.name else ""
+    for text in signals.texts(vessel.log):
+        severity = MAV_SEVERITY_INFO if text.severity is None else text.severity
+        yield ViewEvent(vessel.second(text.at_ns), severity, who + text.text.strip())
 
 
 def _marks(placed: Sequence[PlacedLog], span_s: tuple[float, float]) -> tuple[SceneMark, ...]:
-    found: dict[tuple[float, str], None] = {}
-    for one in placed:
-        who = f"{one.name}: " if one.name and len(placed) > 1 else ""
-        for event in paired_events(one.log, one.second):
-            found[round(event.at_s, 2), who + event.what] = None
-        for moment in moments(one.log):
-            if moment.kind in _MARKED:
-                found[round(one.second(moment.at_ns), 2), who + moment.text] = None
-        for at_s, text in _further(one):
-            found[round(at_s, 2), who + text] = None
-    inside = sorted(key for key in found if span_s[0] - 1.0 <= key[0] <= span_s[1] + 1.0)
+    marks: set[tuple[float, str]] = set()
+    for vessel in placed:
+        who = f"{vessel.name}: " if vessel.name and len(placed) > 1 else ""
+        marks |= {(round(event.at_s, 2), who + event.what) for event in paired_events(vessel.log, vessel.second)}
+        for at_ns, text in _moments(vessel.log):
+            marks.add((round(vessel.second(at_ns), 2), who + text))
+    inside = sorted(mark for mark in marks if span_s[0] - 1.0 <= mark[0] <= span_s[1] + 1.0)
     return tuple(SceneMark(min(max(at_s, span_s[0]), span_s[1]), text) for at_s, text in inside)
 
 
-def _further(one: PlacedLog) -> Iterator[tuple[float, str]]:
-    """Yield times and texts of the starts of contacts, and of operator actions."""
-    contacts = one.log.tables.get("/contacts")
+def _moments(log: Log) -> Iterator[tuple[int, str]]:
+    """Yield stamps and texts of faults and errors, of the starts of contacts, and of operator actions."""
+    for moment in moments(log):
+        if moment.kind in _MARKED:
+            yield moment.at_ns, moment.text
+    contacts = log.tables.get("/contacts")
     if contacts is not None and {"what", "began"} <= set(contacts.columns):
         for row in np.flatnonzero(np.asarray(contacts.values("began"))).tolist():
-            yield one.second(int(contacts.stamp_ns[row])), f"contact with {contacts.values('what', np.array([row]))[0]}"
-    actions = one.log.tables.get("/operator/action")
+            yield int(contacts.stamp_ns[row]), f"contact with {contacts.values('what', np.array([row]))[0]}"
+    actions = log.tables.get("/operator/action")
     if actions is not None and "action" in actions.columns:
         for at_ns, text in zip(actions.stamp_ns.tolist(), actions.values("action"), strict=True):
-            yield one.second(at_ns), f"by hand: {action_text(str(text))}"
+            yield at_ns, f"by hand: {action_text(str(text))}"
 
 
 def action_text(text: str) -> str:

@@ -36,7 +36,7 @@ class ReplayDrawing:
         self, server: viser.ViserServer, recording: LogScene, *, dark: bool = False, page: bool = False
     ) -> None:
         from xitl_cli.plugins.view.drawing import SceneDrawing
-        from xitl_cli.plugins.view.water import PAGE_WATER, SCREEN_WATER
+        from xitl_cli.plugins.view.shapes import PAGE_WATER, SCREEN_WATER
 
         self.recording = recording
         server.scene.set_up_direction("+z")
@@ -106,10 +106,10 @@ def spaced(seconds: Array, places: Array) -> tuple[Array, Array]:
     steps = np.linalg.norm(np.diff(places[:, :2], axis=0), axis=1)
     apart = max(STEP_M, float(steps.sum()) / 2000.0)
     piece = np.floor(np.concatenate(([0.0], np.cumsum(steps))) / apart)
-    kept = np.flatnonzero(np.concatenate(([True], np.diff(piece) > 0.0)))
-    if kept[-1] != len(places) - 1:
-        kept = np.append(kept, len(places) - 1)
-    return seconds[kept], places[kept]
+    rows = np.flatnonzero(np.concatenate(([True], np.diff(piece) > 0.0)))
+    if rows[-1] != len(places) - 1:
+        rows = np.append(rows, len(places) - 1)
+    return seconds[rows], places[rows]
 
 
 @contextmanager

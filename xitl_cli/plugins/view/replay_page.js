@@ -1,11 +1,11 @@
-/* What a replay page has around viser's own player: marks over its time line, numbers, events, findings and the camera.
+/* Adds to viser's player: marks over its time line, numbers, events, findings and cameras that follow a vessel.
  *
- * The player keeps the time: it is read from its number field, and set there. Scene time is the player's plus `begin_s`.
+ * The number field of the player holds the time. This script reads and sets it. Scene time is player time + `begin_s`.
  */
 "use strict";
 (() => {
   const replay = JSON.parse(document.getElementById("replay-data").textContent);
-  const made = (kind, parent, name, text) => {
+  const add = (kind, parent, name, text) => {
     const node = document.createElement(kind);
     if (name) node.className = name;
     if (text !== undefined) node.textContent = text;
@@ -30,59 +30,59 @@
 
   /* Panel */
   document.title = replay.title;
-  const panel = made("details", document.body, "replay-panel");
+  const panel = add("details", document.body, "replay-panel");
   panel.open = window.innerWidth > 700;
-  const head = made("summary", panel);
-  made("b", head, "", replay.title);
-  const now = made("span", head, "replay-now");
-  const cameras = made("div", panel, "replay-cameras");
-  const subject = made("select", cameras);
+  const head = add("summary", panel);
+  add("b", head, "", replay.title);
+  const now = add("span", head, "replay-now");
+  const cameras = add("div", panel, "replay-cameras");
+  const subject = add("select", cameras);
   subject.title = "vessel";
-  for (const vessel of replay.vessels) made("option", subject, "", vessel.name || "vessel");
+  for (const vessel of replay.vessels) add("option", subject, "", vessel.name || "vessel");
   subject.hidden = replay.vessels.length < 2;
-  const numbers = made("table", panel, "replay-numbers");
-  const legend = made("table", panel, "replay-legend");
-  for (const each of replay.legend) {
-    const row = made("tr", legend);
-    made("i", made("td", row)).style.background = each.colour;
-    made("td", row, "", each.name);
-    made("td", row, "", each.scale);
+  const numbers = add("table", panel, "replay-numbers");
+  const legend = add("table", panel, "replay-legend");
+  for (const item of replay.legend) {
+    const row = add("tr", legend);
+    add("i", add("td", row)).style.background = item.colour;
+    add("td", row, "", item.name);
+    add("td", row, "", item.scale);
   }
   const lists = (title, rows, row) => {
     if (!rows.length) return null;
-    const list = made("details", panel);
-    made("summary", list, "", `${title} (${rows.length})`);
-    const body = made("div", list, "replay-list");
-    rows.forEach((each) => row(body, each));
+    const list = add("details", panel);
+    add("summary", list, "", `${title} (${rows.length})`);
+    const body = add("div", list, "replay-list");
+    rows.forEach((item) => row(body, item));
     return list;
   };
   const entry = (body, time, text, name, more) => {
-    const line = made("button", body, `replay-entry ${name}`);
-    made("span", line, "replay-time", time === null ? "–" : clock(time));
-    made("span", line, "", text);
+    const line = add("button", body, `replay-entry ${name}`);
+    add("span", line, "replay-time", time === null ? "–" : clock(time));
+    add("span", line, "", text);
     if (more) line.title = more;
     if (time === null) line.disabled = true;
     else line.onclick = () => jump(time);
     return line;
   };
-  const findings = lists("Findings", replay.findings, (body, each) =>
-    entry(body, each.time_s, each.sentence, `replay-${each.severity}`, each.next_step));
+  const findings = lists("Findings", replay.findings, (body, item) =>
+    entry(body, item.time_s, item.sentence, `replay-${item.severity}`, item.next_step));
   if (findings) findings.open = true;
-  const marks = lists("Events", replay.marks, (body, each) => entry(body, each.time_s, each.text, "replay-event"));
+  const marks = lists("Events", replay.marks, (body, item) => entry(body, item.time_s, item.text, "replay-event"));
   if (marks && !findings) marks.open = true;
-  lists("Notes", replay.notes, (body, each) => made("p", body, "replay-note", each));
+  lists("Notes", replay.notes, (body, item) => add("p", body, "replay-note", item));
 
   /* Marks over the time line */
-  const strip = made("div", document.body, "replay-strip");
+  const strip = add("div", document.body, "replay-strip");
   const tick = (time, name, text) => {
     if (time === null) return;
-    const node = made("i", strip, `replay-tick ${name}`);
+    const node = add("i", strip, `replay-tick ${name}`);
     node.style.left = `${(100 * (time - replay.begin_s)) / replay.duration_s}%`;
     node.title = `${clock(time)} ${text}`;
     node.onclick = () => jump(time);
   };
-  replay.marks.forEach((each) => tick(each.time_s, "replay-event", each.text));
-  replay.findings.forEach((each) => tick(each.time_s, `replay-${each.severity}`, each.sentence));
+  replay.marks.forEach((item) => tick(item.time_s, "replay-event", item.text));
+  replay.findings.forEach((item) => tick(item.time_s, `replay-${item.severity}`, item.sentence));
   const layStrip = () => {
     const slider = document.querySelector(".mantine-Slider-root");
     strip.hidden = !slider;
@@ -107,27 +107,27 @@
   const cells = new Map();
   const show = (label, text) => {
     if (!cells.has(label)) {
-      const row = made("tr", numbers);
-      made("td", row, "", label);
-      cells.set(label, made("td", row));
+      const row = add("tr", numbers);
+      add("td", row, "", label);
+      cells.set(label, add("td", row));
     }
     const cell = cells.get(label);
     if (cell.textContent !== text) cell.textContent = text;
   };
   let shown = NaN;
-  const tell = () => {
+  const showNumbers = () => {
     const time = shownTime() + replay.begin_s;
     if (time === shown) return;
     shown = time;
     now.textContent = clock(time);
     if (window.parent !== window) window.parent.postMessage({ replayShows: time }, "*");
     const vessel = replay.vessels[subject.selectedIndex];
-    const mode = vessel.modes.filter((each) => each[0] <= time).pop();
-    const armed = vessel.armed.some((each) => each[0] <= time && time <= each[1]);
+    const mode = vessel.modes.filter((item) => item[0] <= time).pop();
+    const armed = vessel.armed.some((item) => item[0] <= time && time <= item[1]);
     show("mode", `${mode ? mode[1] : "–"}${armed ? ", armed" : ""}`);
-    const [since, waypoints] = vessel.missions.filter((each) => each[0] <= time).pop() ?? vessel.missions[0] ?? [0, 0];
+    const [since, waypoints] = vessel.missions.filter((item) => item[0] <= time).pop() ?? vessel.missions[0] ?? [0, 0];
     if (waypoints) {
-      show("waypoint", `${vessel.reached_s.filter((each) => since < each && each <= time).length} of ${waypoints}`);
+      show("waypoint", `${vessel.reached_s.filter((item) => since < item && item <= time).length} of ${waypoints}`);
     }
     const row = lastBefore(vessel.seconds, time);
     for (const [label, values] of Object.entries(vessel.numbers)) {
@@ -170,18 +170,18 @@
       look([east, north - 0.55 * replay.extent_m, 0.85 * replay.extent_m], [east, north, 0], false);
     },
   };
-  const takeView = (name) => {
+  const showView = (name) => {
     const vessel = replay.vessels[subject.selectedIndex];
     if (!viewer() || !viewer().cameraControl || !pose(vessel)) return;
     followed = name !== "all";
     views[name](vessel, pose(vessel));
   };
-  for (const name of Object.keys(views)) made("button", cameras, "", name).onclick = () => takeView(name);
+  for (const name of Object.keys(views)) add("button", cameras, "", name).onclick = () => showView(name);
   subject.onchange = () => {
     cells.clear();
     numbers.replaceChildren();
     shown = NaN;
-    takeView("behind");
+    showView("behind");
   };
   let last = "";
   let ready = false;
@@ -192,7 +192,7 @@
     if (!at) return;
     if (!ready) {
       ready = true;
-      takeView(replay.view);
+      showView(replay.view);
     }
     const key = at.position.join();
     if (!followed || key === last) return;
@@ -202,7 +202,7 @@
   };
   const frame = () => {
     layStrip();
-    tell();
+    showNumbers();
     follow();
     window.requestAnimationFrame(frame);
   };
@@ -213,7 +213,7 @@
       jump(replay.at_s);
     }, 100);
   }
-  /* A page around this one may lead to an instant, and hears of the one that is shown. */
+  /* The page around this one can request an instant, and receives the time of the shown instant. */
   window.addEventListener("message", (event) => {
     if (event.source === window.parent && Number.isFinite(event.data?.replayGoesTo)) jump(event.data.replayGoesTo);
   });

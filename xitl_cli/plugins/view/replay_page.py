@@ -17,9 +17,13 @@ from typing import Any, Literal
 import numpy as np
 
 from xitl_cli.errors import UserError
+from xitl_cli.extras import VIEW
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.report.model import Report
+from xitl_cli.logs.report.page import Replay
 from xitl_cli.plugins.view.model import Points, ViewInstant
 from xitl_cli.plugins.view.readouts import arrow_legend
-from xitl_cli.plugins.view.recording import LogScene, SceneFinding, open_scene
+from xitl_cli.plugins.view.recording import LogScene, SceneFinding, open_scene, scene_of
 from xitl_cli.plugins.view.replay import ReplayDrawing, unseen_server
 
 RATE_HZ = 10.0
@@ -41,6 +45,8 @@ NUMBERS = (
 )
 """Labels in the order of display. Other labels follow."""
 View = Literal["behind", "beside", "above", "all"]
+MOST_REPLAY_BYTES = 12_000_000
+"""Maximum size of a replay on the page of a report."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +69,9 @@ def checked_span(recording: LogScene, from_s: float | None = None, to_s: float |
     begin_s, end_s = recording.span_s
     span = Span(begin_s if from_s is None else max(from_s, begin_s), end_s if to_s is None else min(to_s, end_s))
     if span.length_s <= 0.0:
-        asked = f"from {begin_s if from_s is None else from_s:g} s to {end_s if to_s is None else to_s:g} s"
+        requested = f"from {begin_s if from_s is None else from_s:g} s to {end_s if to_s is None else to_s:g} s"
         raise UserError(
-            f"there is nothing {asked}: the recording is from {begin_s:.2f} s to {end_s:.2f} s; choose others"
+            f"no data {requested}: the recording is from {begin_s:.2f} s to {end_s:.2f} s; choose other times"
         )
     return span
 
@@ -87,23 +93,21 @@ def replay_html(
 
     Raises UserError without the extra `view` and for an empty span. Raises LogError as `open_scene` does.
     """
-    if not isinstance(recording, LogScene):
-        with open_scene(recording) as opened:
-            return replay_html(opened, from_s=from_s, to_s=to_s, findings=findings, view=view, at_s=at_s, dark=dark)
-    span = checked_span(recording, from_s, to_s)
-    rate_hz = min(RATE_HZ, MOST_INSTANTS / span.length_s)
-    with unseen_server() as server:
-        drawing = ReplayDrawing(server, recording, dark=dark, page=True)
-        instants = _PageInstants(recording, span)
-        drawing.draw(instants.at(span.from_s))
-        serializer = server.get_scene_serializer()
-        many = max(math.ceil(span.length_s * rate_hz), 1)
-        for number in range(1, many + 1):
-            serializer.insert_sleep(span.length_s / many)
-            drawing.draw(instants.at(span.from_s + span.length_s * number / many))
-        html = serializer.as_html(dark_mode=dark)
-    found = recording.findings() if findings is None else findings
-    return _with_overlay(html, _page_data(recording, span, found, view, at_s), dark)
+    with scene_of(recording) as scene:
+        span = checked_span(scene, from_s, to_s)
+        rate_hz = min(RATE_HZ, MOST_INSTANTS / span.length_s)
+        with unseen_server() as server:
+            drawing = ReplayDrawing(server, scene, dark=dark, page=True)
+            instants = _PageInstants(scene, span)
+            drawing.draw(instants.at(span.from_s))
+            serializer = server.get_scene_serializer()
+            count = max(math.ceil(span.length_s * rate_hz), 1)
+            for number in range(1, count + 1):
+                serializer.insert_sleep(span.length_s / count)
+                drawing.draw(instants.at(span.from_s + span.length_s * number / count))
+            html = serializer.as_html(dark_mode=dark)
+        results = scene.findings() if findings is None else findings
+        return _with_overlay(html, _page_data(scene, span, results, view, at_s), dark)
 
 
 class _PageInstants:
@@ -120,26 +124,24 @@ class _PageInstants:
 
         Clouds are updated every `CLOUD_S`, the companion's map less often.
         """
-        turns = tuple(math.floor((time_s - self._span.from_s) / each) for each in (CLOUD_S, self._map_s))
-        anew = turns[0] != self._turns[0]
-        instant = self._recording.instant(time_s, seen=anew)
-        if anew:
+        elapsed_s = time_s - self._span.from_s
+        cloud_turn, map_turn = math.floor(elapsed_s / CLOUD_S), math.floor(elapsed_s / self._map_s)
+        renewed = cloud_turn != self._turns[0]
+        instant = self._recording.instant(time_s, seen=renewed)
+        if renewed:
             for name, vessel in instant.vessels.items():
-                kept = self._seen.get(name, {})
-                self._seen[name] = {
-                    sensor: kept[sensor] if sensor == "map" and sensor in kept and turns[1] == self._turns[1] else some
-                    for sensor, some in ((sensor, _fewer(sensor, points)) for sensor, points in vessel.clouds.items())
-                }
-            self._turns = turns[0], turns[1]
+                before, clouds = self._seen.get(name, {}), dict[str, Points]()
+                for sensor, points in vessel.clouds.items():
+                    if sensor == "map" and sensor in before and map_turn == self._turns[1]:
+                        clouds[sensor] = before[sensor]
+                        continue
+                    most = MOST_MAP_POINTS if sensor == "map" else MOST_POINTS
+                    some = points[:: max(-(-len(points) // most), 1)]
+                    clouds[sensor] = (np.round(some / POINT_STEP_M) * POINT_STEP_M).astype(np.float32)
+                self._seen[name] = clouds
+            self._turns = cloud_turn, map_turn
         vessels = {name: replace(vessel, clouds=self._seen.get(name, {})) for name, vessel in instant.vessels.items()}
         return replace(instant, vessels=vessels)
-
-
-def _fewer(sensor: str, points: Points) -> Points:
-    most = MOST_MAP_POINTS if sensor == "map" else MOST_POINTS
-    some = points[:: max(-(-len(points) // most), 1)]
-    rounded: Points = (np.round(some / POINT_STEP_M) * POINT_STEP_M).astype(np.float32)
-    return rounded
 
 
 def _page_data(
@@ -164,13 +166,13 @@ def _page_data(
         ],
         "findings": [
             {
-                "time_s": None if found.time_s is None else round(found.time_s, 2),
-                "severity": found.severity.name.lower(),
-                "sentence": found.sentence,
-                "next_step": found.next_step,
+                "time_s": None if finding.time_s is None else round(finding.time_s, 2),
+                "severity": finding.severity.name.lower(),
+                "sentence": finding.sentence,
+                "next_step": finding.next_step,
             }
-            for found in findings
-            if inside(found.time_s)
+            for finding in findings
+            if inside(finding.time_s)
         ][:_MOST_LISTED],
         "notes": list(recording.scene.notes),
         "legend": [
@@ -185,13 +187,13 @@ def _vessel_data(recording: LogScene, name: str, span: Span) -> dict[str, Any]:
     many = int(min(span.length_s * NUMBERS_HZ, MOST_NUMBERS)) + 1
     seconds = np.linspace(span.from_s, span.to_s, many)
     rows = [track.at(time_s, seen=False).numbers for time_s in seconds.tolist()]
-    told = {label for row in rows for label in row}
-    labels = [label for label in NUMBERS if label in told] + sorted(told - set(NUMBERS))
+    known = {label for row in rows for label in row}
+    labels = [label for label in NUMBERS if label in known] + sorted(known - set(NUMBERS))
     return {
         "name": name,
         "path": f"/vessels/{name or 'vessel'}",
         "distance_m": round(max(4.0 * length_m, 4.0), 2),
-        "missions": [[round(each.from_s, 2), max(len(each.places_enu_m) - 1, 0)] for each in track.missions],
+        "missions": [[round(plan.from_s, 2), max(len(plan.places_enu_m) - 1, 0)] for plan in track.missions],
         "reached_s": np.round(track.reached_s, 2).tolist(),
         "modes": [[round(state.from_s, 2), state.text] for state in track.modes],
         "armed": [[round(state.from_s, 2), round(state.until_s, 2)] for state in track.armed],
@@ -217,3 +219,23 @@ def _with_overlay(html: str, data: dict[str, Any], dark: bool) -> str:
     )
     end = html.rindex("</body>")
     return html[:end] + overlay + html[end:]
+
+
+def report_replay(report: Report, vessel: str | None) -> Replay:
+    """Return the 3D replay of a report's logs, or the reason why there is none."""
+    if VIEW.missing:
+        return Replay(note=f"the 3D replay needs {', '.join(VIEW.missing)}, which is not installed; {VIEW.pip_line}")
+    from xitl_cli.plugins.view.replay_page import replay_html
+
+    by_path = {file.path: file for file in report.files}
+    recordings = [file.path for file in report.files if file.format == "mcap"][:1]  # other logs are of the same run
+    try:
+        with open_scene(recordings or list(by_path)[:1], vessel) as scene:
+            page = replay_html(scene, findings=scene.findings_of(report), at_s=scene.span_s[0])
+            path, second = scene.lead_second(0)
+    except (LogError, UserError) as error:
+        return Replay(note=f"no 3D replay: {error}")
+    if len(page) > MOST_REPLAY_BYTES:
+        size = f"{len(page) / 1e6:.0f} MB, more than {MOST_REPLAY_BYTES / 1e6:.0f}"
+        return Replay(note=f"the 3D replay is omitted: it has {size}; `xitl view LOG --html FILE` writes it")
+    return Replay(page, late_s=second - by_path[path].time_line.second(0))

@@ -178,9 +178,16 @@ def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Seque
         if entity.frame.endswith(VESSEL_FRAME):
             known = vessels.get(vessel, SceneVessel(()))
             if kind == "propellers":
-                vessels[vessel] = replace(known, thrusters=_thrusters(entity))
+                # Their commands have the same order, and come before all other commands
+                thrusters = tuple(
+                    SceneThruster(_floats(place), _floats(axis), diameter_m, motor)
+                    for motor, (place, axis, diameter_m) in enumerate(entity.cylinders)
+                )
+                vessels[vessel] = replace(known, thrusters=thrusters)
             else:
-                length_m = _length_m(entity.meshes) or known.length_m
+                ahead = [mesh.vertices_m[:, 0] for mesh in entity.meshes if len(mesh.vertices_m)]
+                length_m = float(np.ptp(np.concatenate(ahead))) if ahead else 0.0
+                length_m = length_m or known.length_m
                 vessels[vessel] = replace(known, meshes=(*known.meshes, *entity.meshes), length_m=length_m)
         elif entity.frame != MAP_FRAME:
             continue
@@ -195,34 +202,17 @@ def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Seque
         radius_m = 0.5 * entity.cylinders[0][2] if entity.cylinders else 0.0
         known = vessels.get(vessel, SceneVessel(()))
         vessels[vessel] = replace(known, mission_enu_m=entity.lines_m[0], acceptance_radius_m=radius_m)
-    return ViewScene(title, tuple(meshes), vessels, _water(water, profiles))
-
-
-def _thrusters(entity: DrawnEntity) -> tuple[SceneThruster, ...]:
-    """Return the propellers. Their commands have the same order, and come before all other commands."""
-    return tuple(
-        SceneThruster(_floats(place), _floats(axis), diameter_m, motor)
-        for motor, (place, axis, diameter_m) in enumerate(entity.cylinders)
-    )
+    if profiles:
+        lead = profiles[0]
+        level_m, tide = lead.environment.water.level_m, make_tide(lead.environment)
+        bounded = lead.world.river is not None
+        water = replace(water, level_m=level_m, waves=waves_of(lead), bounded=bounded, tide=tide)
+    return ViewScene(title, tuple(meshes), vessels, water)
 
 
 def _floats(vector: Array) -> tuple[float, float, float]:
     x, y, z = vector.tolist()
     return x, y, z
-
-
-def _length_m(meshes: Sequence[SceneMesh]) -> float:
-    ahead = [mesh.vertices_m[:, 0] for mesh in meshes if len(mesh.vertices_m)]
-    return float(max(map(np.max, ahead)) - min(map(np.min, ahead))) if ahead else 0.0
-
-
-def _water(water: SceneWater, profiles: Sequence[RunProfile]) -> SceneWater:
-    if not profiles:
-        return water
-    lead = profiles[0]
-    level_m = lead.environment.water.level_m
-    bounded, tide = lead.world.river is not None, make_tide(lead.environment)
-    return replace(water, level_m=level_m, waves=waves_of(lead), bounded=bounded, tide=tide)
 
 
 def waves_of(profile: RunProfile) -> SceneWaves | None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import viser
 
 USUAL_PORT = 8470
-TRIED = 50
+PORTS_TRIED = 50
 TOKEN_BYTES = 18
 SHORT_PX = 480
 CLIENTS_KEPT = 64
@@ -86,23 +86,25 @@ def listen(
     """
     token = secrets.token_urlsafe(TOKEN_BYTES)
     first = (USUAL_PORT if usual is None else usual) if port is None else port
-    for tried in range(first, first + (TRIED if port is None else 1)):
+    for candidate in range(first, first + (PORTS_TRIED if port is None else 1)):
         try:
-            listener = _bound(host, tried)
+            listener = _bound(host, candidate)
         except OSError as error:
             if error.errno in (errno.EADDRINUSE, errno.EACCES) and port is None:
                 continue
             if error.errno == errno.EADDRINUSE:
                 raise UserError(
-                    f"{port_key} = {port}: somebody else listens there; leave it out to have a free one"
+                    f"{port_key} = {port}: another program listens there; omit it to use a free port"
                 ) from error
             reason = error.strerror or str(error)
             raise UserError(
-                f"{host_key} = {host}: cannot listen there at port {tried} ({reason}); "
+                f"{host_key} = {host}: cannot listen there at port {candidate} ({reason}); "
                 "use an address of this machine, such as 127.0.0.1"
             ) from error
-        return listener, ViewAddress(host, tried, token, first if tried != first else None)
-    raise UserError(f"no port from {first} to {first + TRIED - 1} is free for the view; give one by {port_key}")
+        return listener, ViewAddress(host, candidate, token, first if candidate != first else None)
+    raise UserError(
+        f"no port from {first} to {first + PORTS_TRIED - 1} is free for the view; choose one with {port_key}"
+    )
 
 
 def _bound(host: str, port: int) -> socket.socket:
@@ -234,7 +236,8 @@ def _have_threads_wake_safely() -> None:
 
 
 _SERVE_LOCK = threading.Lock()
-_MADE_S = 0.01  # between looks whether it is made
+_MADE_S = 0.01
+"""Interval of the check whether the server is complete."""
 
 
 def stranger(
@@ -249,9 +252,9 @@ def stranger(
         name = urlsplit(f"//{host}").hostname or ""
         page = None if origin is None else urlsplit(origin).netloc
     except ValueError:  # such as of `[`
-        return "its Host or Origin is no address"
+        return "its Host or Origin is not an address"
     if is_loopback(listening) and not (name == listening or is_loopback(name)):
-        return f"this address is for this machine alone, and {name!r} is not its name"
+        return f"this address is only for this machine, and {name!r} is not its name"
     if origin is not None and page != host and not trusted(origin):
         return "a page of another site may not connect here"
     return ""
@@ -291,7 +294,7 @@ class Doorkeeper:
         if self._token:
             first = request.path.partition("?")[0].lstrip("/").partition("/")[0]
             if not hmac.compare_digest(first.encode(errors="replace"), self._token.encode()):
-                return "the address of this view has a token in it, which is missing here or wrong"
+                return "the token in the address of this view is missing or wrong"
         return ""
 
 
@@ -309,8 +312,8 @@ addEventListener("DOMContentLoaded", () => {{
   note.setAttribute("role", "alert");
   note.style.cssText = "position:fixed;left:0;right:0;bottom:0;z-index:99999;padding:14px 18px;background:#b3261e;"
     + "color:#fff;font:15px/1.4 system-ui,sans-serif";
-  note.textContent = "This browser has no WebGL 2, without which the 3D view cannot be drawn. Switch on hardware "
-    + "acceleration in its settings, or use another browser. The run goes on without it.";
+  note.textContent = "This browser has no WebGL 2, which the 3D view needs. Enable hardware acceleration in its "
+    + "settings, or use another browser. The run continues without the view.";
   document.documentElement.appendChild(note);
 }});
 // viser opens its sheet of controls on a narrow screen, over more than half of the picture. It begins closed here.
@@ -351,11 +354,11 @@ def _complete(answer: Any, title: str) -> None:
 
     packed = answer.headers.get("Content-Encoding") == "gzip"
     body = gzip.decompress(answer.body) if packed else answer.body
-    head, found, rest = body.partition(b"<head>")
-    if not found:
+    before, head, rest = body.partition(b"<head>")
+    if not head:
         return
     text = _HEAD.format(title=html.escape(title)).encode()
-    body = head + found + text + rest.replace(b"<title>Viser</title>", b"", 1)
+    body = before + head + text + rest.replace(b"<title>Viser</title>", b"", 1)
     answer.body = gzip.compress(body, 1) if packed else body
     headers = {
         "Content-Length": str(len(answer.body)),

@@ -1,15 +1,22 @@
-"""Triangles of shapes: vertices (V, 3) and faces (F, 3), counter-clockwise as seen from outside, z up."""
+"""Triangles: vertices (V, 3) and faces (F, 3), counter-clockwise as seen from outside, z up.
+
+The water surface is a grid that follows the camera's subject and moves with the waves of the run. Its cells are small
+near the middle and grow outwards to the haze. A wave that is too short for a cell's size fades there, so that the
+distant surface does not flicker.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_core.frames import quat_to_matrix
-from xitl_cli.plugins.view.model import Array, Colour, Faces, Points, SceneMesh
+from xitl_cli.plugins.view.model import Array, Colour, Faces, Points, SceneMesh, SceneWaves
 
 
 class Geometry(NamedTuple):
@@ -43,9 +50,9 @@ def merged(shapes: Sequence[Geometry]) -> Geometry:
     """Return all shapes as one."""
     if not shapes:
         return EMPTY
-    first = np.cumsum([0, *(len(each.vertices_m) for each in shapes)])
-    faces = [each.faces + np.uint32(offset) for each, offset in zip(shapes, first[:-1].tolist(), strict=True)]
-    return geometry(np.concatenate([each.vertices_m for each in shapes]), np.concatenate(faces))
+    first = np.cumsum([0, *(len(shape.vertices_m) for shape in shapes)])
+    faces = [shape.faces + np.uint32(offset) for shape, offset in zip(shapes, first[:-1].tolist(), strict=True)]
+    return geometry(np.concatenate([shape.vertices_m for shape in shapes]), np.concatenate(faces))
 
 
 def frustum(
@@ -165,3 +172,93 @@ def _from_upright(direction: Array) -> tuple[float, float, float, float]:
         return 0.0, 1.0, 0.0, 0.0
     w = math.sqrt(0.5 * (1.0 + z))
     return w, -y / (2.0 * w), x / (2.0 * w), 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class WaterResolution:
+    """Resolution of the water surface."""
+
+    near_cell_m: float
+    """Size of the cells near the middle."""
+    near_cells: int
+    """Number of cells of this size to shape side of the middle."""
+    growth_cells: int
+    """Number of growing cells beyond them, to the haze."""
+    height_step_m: float = 0.0
+    """Step to which heights are rounded, 0 for no rounding."""
+
+
+SCREEN_WATER = WaterResolution(0.75, 26, 13)
+PAGE_WATER = WaterResolution(1.5, 8, 5, 0.02)
+"""Resolution for a page. The page stores the height of every vertex at every instant, about 10 kB per second."""
+REACH_M = 1800.0
+
+
+class WaterGrid:
+    """Grid of the water surface.
+
+    reach_m: half of its side length. waves: None for still water, whose grid is a square of two triangles.
+    """
+
+    def __init__(
+        self, waves: SceneWaves | None, reach_m: float = REACH_M, resolution: WaterResolution = SCREEN_WATER
+    ) -> None:
+        self.waves = waves
+        self._cell_m, self._step_m = resolution.near_cell_m, resolution.height_step_m
+        axis = np.array([-reach_m, reach_m]) if waves is None else _axis(reach_m, resolution)
+        east, north = (part.ravel() for part in np.meshgrid(axis, axis, indexing="xy"))
+        self.vertices_m: Points = np.column_stack([east, north, np.zeros(len(east))]).astype(np.float32)
+        """(V, 3), relative to the middle of the grid."""
+        corner = np.arange(len(axis) ** 2).reshape(len(axis), len(axis))
+        here, beside = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel()
+        above, across = corner[1:, :-1].ravel(), corner[1:, 1:].ravel()
+        triangles = np.concatenate([np.stack([here, beside, across], -1), np.stack([here, across, above], -1)])
+        self.faces: Faces = triangles.astype(np.uint32)
+        if waves is not None:
+            gap = np.gradient(axis)
+            cell_m = np.maximum(*(part.ravel() for part in np.meshgrid(gap, gap, indexing="xy")))
+            number = np.hypot(*waves.wave_vector_en_radpm.T)
+            amplitude_m = waves.amplitude_m * np.exp(-((0.5 * cell_m[:, None] * number) ** 2))
+            phase = self.vertices_m[:, :2].astype(np.float64) @ waves.wave_vector_en_radpm.T
+            self._of_cosine: NDArray[np.float32] = (amplitude_m * np.cos(phase)).astype(np.float32)
+            self._of_sine: NDArray[np.float32] = (amplitude_m * np.sin(phase)).astype(np.float32)
+
+    def middle(self, place_en_m: Array) -> tuple[float, float]:
+        """Return the grid's middle for a subject. It is a multiple of the cell size, so that waves do not swim."""
+        if self.waves is None:
+            return float(place_en_m[0]), float(place_en_m[1])
+        east, north = (np.round(place_en_m / self._cell_m) * self._cell_m).tolist()
+        return east, north
+
+    def move(self, time_s: float, middle_en_m: tuple[float, float]) -> Points:
+        """Return the vertices at an instant, relative to the middle and the still level. The array is reused."""
+        waves = self.waves
+        if waves is not None:
+            phase = (
+                waves.wave_vector_en_radpm @ np.asarray(middle_en_m)
+                - waves.angular_frequency_radps * time_s
+                + waves.phase_rad
+            )
+            cosine, sine = np.cos(phase).astype(np.float32), np.sin(phase).astype(np.float32)
+            up_m = self._of_cosine @ cosine - self._of_sine @ sine
+            self.vertices_m[:, 2] = np.round(up_m / self._step_m) * self._step_m if self._step_m else up_m
+        return self.vertices_m
+
+
+def _axis(reach_m: float, resolution: WaterResolution) -> Array:
+    """Return the coordinates of the grid's lines."""
+    cell_m, growing = resolution.near_cell_m, np.arange(1, resolution.growth_cells + 1)
+    near_m = cell_m * resolution.near_cells
+    ratio = 1.0
+    for _ in range(60):  # the ratio of neighbouring cells for which they add up
+        total = cell_m * float(np.sum(ratio**growing))
+        ratio *= (max(reach_m - near_m, cell_m) / total) ** (1.0 / len(growing))
+    cells = np.concatenate([np.full(resolution.near_cells, cell_m), cell_m * ratio**growing])
+    half = np.cumsum(cells)
+    return np.concatenate([-half[::-1], [0.0], half])
+
+
+def heading_wxyz(east: float, north: float) -> tuple[float, float, float, float]:
+    """Return the rotation (w, x, y, z) about the vertical from +x to a direction."""
+    half = 0.5 * math.atan2(north, east)
+    return math.cos(half), 0.0, 0.0, math.sin(half)

@@ -107,7 +107,7 @@ class TimelinePanel:
                 self._event.on_update(self._choose_event)
                 steps = gui.add_button_group("Go to", ("◀ event", "event ▶"), order=0.4)
                 steps.on_click(lambda event: self._step_event(forward=steps.value == "event ▶"))
-        self._play.on_click(lambda event: self._press_play())
+        self._play.on_click(lambda event: clock.play(not clock.playing))
         self._slider.on_update(self._slide)
         self._speed.on_update(lambda event: clock.run_at(float(str(self._speed.value).split()[0])))
 
@@ -116,7 +116,7 @@ class TimelinePanel:
         gui = self._gui
         with gui.add_folder(f"Findings ({len(findings)})", order=0.5, expand_by_default=bool(findings)):
             if not findings:
-                gui.add_markdown("The log analysis found nothing to tell.")
+                gui.add_markdown("The log analysis has no findings.")
             for finding in findings[:MOST_FINDINGS]:
                 at = "" if finding.time_s is None else f"{clock_text(finding.time_s)} "
                 button = gui.add_button(
@@ -136,9 +136,6 @@ class TimelinePanel:
         if now_s - self._slid_s >= SLIDER_S and abs(float(self._slider.value) - time_s) > 0.5 * STEP_S:
             self._slid_s = now_s
             self._slider.value = round(time_s, 2)
-
-    def _press_play(self) -> None:
-        self._clock.play(not self._clock.playing)
 
     def _slide(self, event: Any) -> None:
         if event.client is not None:  # not when it follows the clock
@@ -196,6 +193,7 @@ class RecordingPage:
         dark: bool = False,
     ) -> None:
         from xitl_cli.plugins.view.camera import Cameras
+        from xitl_cli.plugins.view.drawing import add_drawing_options
         from xitl_cli.plugins.view.readouts import Readouts
         from xitl_cli.plugins.view.server import make_server
 
@@ -208,29 +206,12 @@ class RecordingPage:
         self.panel = TimelinePanel(server, self.clock, recording.marks)
         self._readouts = Readouts(server, recording.scene)
         self._cameras = Cameras(server, recording.scene)
-        self._add_options(dark)
+        add_drawing_options(server, self._drawing.drawing, self._draw_again)
         self._shown_s: float | None = None
         self._draw(self.clock.time_s, time.monotonic())
 
-    def _add_options(self, dark: bool) -> None:
-        gui, drawing = self._server.gui, self._drawing.drawing
-        with gui.add_folder("Show", order=7.0, expand_by_default=False):
-            estimates = gui.add_checkbox("Where it takes itself to be", True)
-            clouds = gui.add_checkbox("Lidar and sonar", True)
-            night = gui.add_checkbox("Night", dark)
-
-        def choose(event: object) -> None:
-            drawing.show_estimates(estimates.value)
-            drawing.show_clouds(clouds.value)
-            self._shown_s = None
-
-        def change_light(event: object) -> None:
-            drawing.dark = night.value
-            gui.configure_theme(dark_mode=night.value, show_logo=False, show_share_button=False)
-
-        for box in (estimates, clouds):
-            box.on_update(choose)
-        night.on_update(change_light)
+    def _draw_again(self) -> None:
+        self._shown_s = None
 
     def find(self) -> None:
         """Add the findings of the log analysis. It takes seconds: call it in a separate thread."""
@@ -241,13 +222,13 @@ class RecordingPage:
         last_s = time.monotonic()
         while not ended.is_set():
             began_s = time.monotonic()
-            looked_at = bool(self._server.get_clients())
-            time_s = self.clock.advance(began_s - last_s if looked_at else 0.0)
+            watched = bool(self._server.get_clients())
+            time_s = self.clock.advance(began_s - last_s if watched else 0.0)
             last_s = began_s
-            if looked_at:
+            if watched:
                 self._draw(time_s, began_s)
             spent_s = time.monotonic() - began_s
-            ended.wait(max(1.0 / FRAMES_HZ - spent_s, 0.005) if looked_at else IDLE_S)
+            ended.wait(max(1.0 / FRAMES_HZ - spent_s, 0.005) if watched else IDLE_S)
 
     def _draw(self, time_s: float, now_s: float) -> None:
         if time_s != self._shown_s:

@@ -247,7 +247,10 @@ class VesselTrack:
         before, until = np.searchsorted(self.reached_s, (mission.from_s, time_s), side="right").tolist()
         reached = min(until - before, total) if until > before else 0
         numbers = {"heading °": heading_deg(turn)}
-        numbers |= {name: float(found) for name, held in self.numbers.items() if (found := held.at(time_s)) is not None}
+        for name, values in self.numbers.items():
+            value = values.at(time_s)
+            if value is not None:
+                numbers[name] = float(value)
         if estimate is not None:
             numbers["estimate off m"] = float(np.linalg.norm((estimate[0] - place)[:2]))
         motors = None if self.motors is None else self.motors.at(time_s)
@@ -307,12 +310,14 @@ def pose_track(log: Log, of: SignalSource, seconds: Seconds, place: MapPlace) ->
     roll, pitch, yaw = angles
     if path is None or roll is None or pitch is None or yaw is None:
         return None
-    place_s, kept = forward(seconds(path.path.stamp_ns))
-    enu = ned_to_enu(path.path.values[kept])
-    if log.base != "simulation" and vehicle_kind(log) in _SURFACE and _on_the_earth(path.path):
+    place_s, later = forward(seconds(path.path.stamp_ns))
+    enu = ned_to_enu(path.path.values[later])
+    # A topic has a local frame, whose height may be valid
+    on_earth = not path.path.source.startswith("/")
+    if log.base != "simulation" and vehicle_kind(log) in _SURFACE and on_earth:
         enu[:, 2] = enu[:, 2] - np.median(enu[:, 2]) if of == "truth" else 0.0
     turn_s, turned = forward(seconds(roll.stamp_ns))
-    euler_deg = np.stack([roll.values, *(_beside(each, roll) for each in (pitch, yaw))], axis=-1)[turned]
+    euler_deg = np.stack([roll.values, *(_at_stamps_of(roll, angle) for angle in (pitch, yaw))], axis=-1)[turned]
     known = np.isfinite(euler_deg).all(axis=1)
     if not known.any():
         return None
@@ -321,12 +326,7 @@ def pose_track(log: Log, of: SignalSource, seconds: Seconds, place: MapPlace) ->
     return PoseTrack(place_s, moved, turn_s[known], continuous(attitude))
 
 
-def _on_the_earth(path: Series) -> bool:
-    """Return whether positions are on the Earth. A topic with a local frame may have a valid height."""
-    return not path.source.startswith("/")
-
-
-def _beside(series: Series, other: Series) -> Array:
+def _at_stamps_of(other: Series, series: Series) -> Array:
     """Return the values of a series at the stamps of the other."""
     if len(series.stamp_ns) == len(other.stamp_ns) and bool((series.stamp_ns == other.stamp_ns).all()):
         return series.values
@@ -339,8 +339,8 @@ def forward(seconds: Array) -> tuple[Array, NDArray[np.intp]]:
     Times can step back when two clocks are aligned.
     """
     newest = np.maximum.accumulate(seconds)
-    kept = np.flatnonzero(np.concatenate(([True], seconds[1:] > newest[:-1])))
-    return seconds[kept], kept
+    later = np.flatnonzero(np.concatenate(([True], seconds[1:] > newest[:-1])))
+    return seconds[later], later
 
 
 def continuous(attitude_wxyz: Array) -> Array:
@@ -393,7 +393,7 @@ def _missions(log: Log, seconds: Seconds, place: MapPlace, pose: PoseTrack) -> t
     from sim_core.geodesy import LocalFrame
 
     versions = mission_versions(log) if place.origin is not None else []
-    found = []
+    missions = []
     for version in versions:
         assert place.origin is not None
         items, frame = version.places, LocalFrame(*place.origin)
@@ -403,8 +403,8 @@ def _missions(log: Log, seconds: Seconds, place: MapPlace, pose: PoseTrack) -> t
         enu[:, 2] = 0.0
         from_s = float(seconds(np.array([version.at_ns], dtype=np.int64))[0])
         waypoints = enu[near] + np.asarray(place.shift_enu_m)
-        found.append(MissionChange(from_s, np.concatenate([pose.at(from_s)[0][None], waypoints])))
-    return tuple(found)
+        missions.append(MissionChange(from_s, np.concatenate([pose.at(from_s)[0][None], waypoints])))
+    return tuple(missions)
 
 
 FARTHEST_M = 50e3
@@ -413,27 +413,23 @@ FARTHEST_M = 50e3
 
 def _reached(log: Log, seconds: Seconds) -> Array:
     """Return the times of reached waypoints. Repeated messages about one waypoint count once."""
-    said = [(text.at_ns, int(match[1])) for text in signals.texts(log) if (match := _REACHED.search(text.text))]
-    said.sort()
-    stamps = [at_ns for (at_ns, number), (_, before) in zip(said, [(0, -1), *said], strict=False) if number != before]
+    matches = [(text.at_ns, _REACHED.search(text.text)) for text in signals.texts(log)]
+    stamps, before = [], -1
+    for at_ns, number in sorted((at_ns, int(match[1])) for at_ns, match in matches if match is not None):
+        if number != before:
+            stamps.append(at_ns)
+        before = number
     return seconds(np.array(stamps, dtype=np.int64))
 
 
 def _numbers(log: Log, seconds: Seconds, truth: bool) -> Iterator[tuple[str, HeldValues]]:
     speed = (signals.ground_speed(log, "truth") if truth else None) or signals.ground_speed(log)
-    off = next(
-        (
-            found
-            for name, field in (
-                ("NTUN", "XTrack"),
-                ("NAV_CONTROLLER_OUTPUT", "xtrack_error"),
-                ("/link/agent/rx:NAV_CONTROLLER_OUTPUT", "xtrack_error"),
-            )
-            if (found := column_series(log, name, field, "m"))
-        ),
-        None,
+    cross_track = (
+        column_series(log, "NTUN", "XTrack", "m")
+        or column_series(log, "NAV_CONTROLLER_OUTPUT", "xtrack_error", "m")
+        or column_series(log, "/link/agent/rx:NAV_CONTROLLER_OUTPUT", "xtrack_error", "m")
     )
-    for name, series in (("speed m/s", speed), ("cross-track m", off)):
+    for name, series in (("speed m/s", speed), ("cross-track m", cross_track)):
         if series is not None:
             yield name, HeldValues(seconds(series.stamp_ns), series.values)
     for label, topic, field, groups in (

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal
 
 from sim_core.environment.spec import EnvironmentSpec
-from sim_core.keys import Bounds, Positive, RateHz, Seed, Specification
+from sim_core.keys import Bounds, MoreChoices, Positive, RateHz, Seed, Specification
 from sim_core.vessel.actuators import ActuatorSpec
 from sim_core.vessel.spec import VesselSpec
 from sim_core.world.spec import AIS_NAME, FLEET_MMSI, SCRIPTED_MMSI, AisSpec, TrafficSpec
@@ -19,7 +19,7 @@ from xitl_cli.profile.schema.graph import NodeGraph
 from xitl_cli.profile.schema.ros import RosSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.world import SiteSpec, WorldSpec
-from xitl_cli.registry import DRIVERS, NODES, PluginError, load, names, package_of
+from xitl_cli.registry import DRIVERS, LIVE_OUTPUTS, NODES, PluginError, load, names, package_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +31,14 @@ class GroupsByName:
 
 
 def plugin_keys(name: str) -> type[Any]:
-    """Return the keys of a plug-in's node or driver. Raises PluginError for a missing or unusable plug-in."""
-    if name in names(DRIVERS) and name not in names(NODES):
-        keys = getattr(load(DRIVERS, name), "keys", None)
-        if isinstance(keys, type) and is_dataclass(keys):
-            return keys
-        raise PluginError(f"{name}: the driver of {package_of(DRIVERS, name)} has no keys; remove the group")
+    """Return the keys of a plug-in's node, driver or live output. Raises PluginError for a missing or unusable one."""
+    if name not in names(NODES):
+        for registry, role in ((DRIVERS, "driver"), (LIVE_OUTPUTS, "live output")):
+            if name in names(registry):
+                keys = getattr(load(registry, name), "keys", None)
+                if isinstance(keys, type) and is_dataclass(keys):
+                    return keys
+                raise PluginError(f"{name}: the {role} of {package_of(registry, name)} has no keys; remove the group")
     kind = load(NODES, name)
     if not (hasattr(kind, "keys") and hasattr(kind, "make") and hasattr(kind, "topics")):
         problem = f"registers {type(kind).__name__} in {NODES}, which is not xitl_cli.plugin.NodeKind"
@@ -81,16 +83,36 @@ class ViewSpec(Specification):
     dark: Annotated[bool, "night; every viewer can change it"] = False
 
 
+OWN_LIVE_GROUPS = ("view", "ros")
+"""Outputs of xitl that have their own group in a profile."""
+
+
+def added_live_outputs() -> list[str]:
+    """Return the names for `live.outputs`: all registered outputs without their own group."""
+    return [name for name in names(LIVE_OUTPUTS) if name not in OWN_LIVE_GROUPS]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveSpec(Specification):
-    """The recorded topics, served to Foxglove during a run: [view.md](view.md)."""
+    """The recorded topics, served to Foxglove during a run: [view.md](view.md). Other outputs by name."""
 
-    foxglove: Annotated[bool, "`--live foxglove` does the same for one run"] = True
+    foxglove: Annotated[
+        bool | None, "`--live foxglove` does the same for one run; null: true, or false if `outputs` has names"
+    ] = None
+    outputs: Annotated[
+        tuple[Annotated[Literal["foxglove"], MoreChoices(added_live_outputs)], ...],
+        "live outputs of packages, by name: [plugins.md](plugins.md#a-live-output); `--live NAME` does the same",
+    ] = ()
     port: Annotated[
         Annotated[int, Bounds(at_least=1, at_most=65535)] | None,
         "port of this machine, 127.0.0.1; null: 8765, or the next free port",
     ] = None
     commands: Annotated[bool, "clients may act, as with `--live-commands`; otherwise they can only read"] = False
+
+    @property
+    def streams_foxglove(self) -> bool:
+        """Whether the run streams to Foxglove."""
+        return not self.outputs if self.foxglove is None else self.foxglove
 
 
 USUAL = "udp://127.0.0.1:14550", 5760

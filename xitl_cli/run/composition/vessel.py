@@ -31,23 +31,19 @@ from xitl_cli.run.nodes.ais import AisLine, AisRecorder, hears_sentences, receiv
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_events import AutopilotEventNode
 from xitl_cli.run.nodes.bridge import BridgeNode
-from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
+from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode, PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.display import StatusSource
 from xitl_cli.run.nodes.drivers import VehicleDriver
-from xitl_cli.run.nodes.estimate_rate import EstimateRate
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.nodes.findings import FindingsNode, findings_from_profile
-from xitl_cli.run.nodes.mission import MissionNode
+from xitl_cli.run.nodes.mission import MissionNode, TrackNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.operated_control import OperatedControl
-from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
-from xitl_cli.run.nodes.plugin_driver import driver_of
-from xitl_cli.run.nodes.plugin_nodes import PluginNode
+from xitl_cli.run.nodes.plugin_nodes import PluginNode, driver_of
 from xitl_cli.run.nodes.recorders import LinkRecorder, SensorRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode
-from xitl_cli.run.nodes.ros_companion import RosCompanionNode
-from xitl_cli.run.nodes.track import TrackNode
+from xitl_cli.run.nodes.ros_companion import EstimateRate, RosCompanionNode
 from xitl_cli.run.nodes.vessel_orders import VesselOrders
 from xitl_cli.run.operator.steering import Steering
 from xitl_cli.run.sensors.lidar import make_lidar
@@ -344,7 +340,7 @@ def _plugin_parts(setup: VesselSetup) -> list[Part]:
     parts: list[Part] = []
     topics: list[Topic] = []
     for name, keys in setup.profile.plugins.items():
-        if name == setup.profile.driver.kind and name not in names(NODES):
+        if name not in names(NODES) and name in (setup.profile.driver.kind, *setup.profile.live.outputs):
             continue
         kind: NodeKind = load(NODES, name)
         for topic in kind.topics:

@@ -17,11 +17,9 @@ from xitl_cli.run.nodes.ais import AisNode, AisRecorder
 from xitl_cli.run.nodes.display import DisplayNode, StatusSource
 from xitl_cli.run.nodes.encounters import EncounterNode
 from xitl_cli.run.nodes.operator import OperatorNode
-from xitl_cli.run.nodes.recorders import PaceRecorder
-from xitl_cli.run.nodes.river import RiverNode, river_from_profile
-from xitl_cli.run.nodes.scripted import ScriptedRecorder
+from xitl_cli.run.nodes.recorders import PaceRecorder, ScriptedRecorder
+from xitl_cli.run.nodes.river import RiverNode, TideNode, river_from_profile
 from xitl_cli.run.nodes.stations import StationAddresses
-from xitl_cli.run.nodes.tide import TideNode
 from xitl_cli.run.nodes.vessel_orders import VesselOrders
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
 from xitl_cli.run.operator.steering import Steering

@@ -33,9 +33,9 @@ def check_writable(path: Path) -> None:
     while not _exists(folder):
         folder = folder.parent
     if not folder.is_dir():
-        raise UserError(f"{folder}: is a file, not a directory; choose another --out")
+        raise UserError(f"{folder} is a file, not a directory; choose another --out")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise UserError(f"{folder}: is not writable; choose another --out or change its permissions")
+        raise UserError(f"{folder} is not writable; choose another --out or change its permissions")
 
 
 def _exists(path: Path) -> bool:
@@ -45,7 +45,7 @@ def _exists(path: Path) -> bool:
         return False
     except (OSError, ValueError) as error:  # not a valid file name, or a path that this user may not read
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise UserError(f"{_shown(path)}: cannot be used ({reason}); choose another --out") from error
+        raise UserError(f"{_shown(path)} cannot be used ({reason}); choose another --out") from error
     return True
 
 
@@ -62,11 +62,16 @@ def check_free(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> list
     check_writable(path)
     for name in vessels:
         if _exists(path / name) and not _is_of_a_vessel(path / name):
-            raise UserError(f"{path / name}: holds other things than a vessel's of a run; choose another --out")
+            raise UserError(f"{path / name} contains files that are not of a vessel's run; choose another --out")
     present = [name for name in _FILES if _exists(path / name)]
-    present += sorted(name for name in {*vessels, *_vessels_in(path)} if _exists(path / name))
+    folders = set(vessels)
+    if _exists(path / PROFILE):  # an earlier run, perhaps of other vessels
+        folders |= {entry.name for entry in path.iterdir() if entry.name not in _FILES and _is_of_a_vessel(entry)}
+    present += sorted(name for name in folders if _exists(path / name))
     if present and not overwrite:
-        raise UserError(f"{path}: already holds a run ({', '.join(present)}); choose another --out or add --overwrite")
+        raise UserError(
+            f"{path} already contains a run ({', '.join(present)}); choose another --out or add --overwrite"
+        )
     return present
 
 
@@ -86,21 +91,14 @@ def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
         for name in vessels:
             (path / name).mkdir()
     except OSError as error:
-        raise UserError(f"{_shown(path)}: cannot be made ({error.strerror}); choose another --out") from error
+        raise UserError(f"{_shown(path)} cannot be created ({error.strerror}); choose another --out") from error
     return path
-
-
-def _vessels_in(path: Path) -> list[str]:
-    """Return the vessel folders of an earlier run."""
-    if not _exists(path / PROFILE):
-        return []
-    return [each.name for each in path.iterdir() if each.name not in _FILES and _is_of_a_vessel(each)]
 
 
 def _is_of_a_vessel(folder: Path) -> bool:
     """Whether the folder holds only files that a vessel of a run leaves."""
     try:
-        return {each.name for each in folder.iterdir()} <= set(_OF_A_VESSEL)
+        return {entry.name for entry in folder.iterdir()} <= set(_OF_A_VESSEL)
     except OSError:
         return False
 
@@ -119,15 +117,15 @@ def reserve(path: Path) -> IO[bytes]:
     Closing the file frees it. Raises UserError when there is none.
     """
     try:
-        held = TemporaryFile(dir=path, buffering=0)  # noqa: SIM115  the caller closes it
-        held.write(bytes(RESERVED_BYTES))
+        reserve = TemporaryFile(dir=path, buffering=0)  # noqa: SIM115  the caller closes it
+        reserve.write(bytes(RESERVED_BYTES))
     except OSError as error:
         raise _no_room(path, error) from error
-    return held
+    return reserve
 
 
 def _no_room(path: Path, error: OSError) -> UserError:
-    return UserError(f"{path}: no room for a run ({error.strerror}); free space, or choose another --out")
+    return UserError(f"{path} has no space for a run ({error.strerror}); free space, or choose another --out")
 
 
 def keep_dataflash(path: Path) -> None:
@@ -161,4 +159,4 @@ def write_whole(path: Path, text: str) -> None:
         temporary.write_text(text)
         temporary.replace(path)
     except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror}); free space, or choose another --out") from error
+        raise UserError(f"{path} cannot be written ({error.strerror}); free space, or choose another --out") from error

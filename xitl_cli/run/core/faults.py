@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from operator import xor
@@ -22,7 +22,6 @@ from xitl_cli.profile.schema.faults import (
     LinkFault,
     MagnetometerFault,
     PropellerFault,
-    RudderFault,
     SensorFault,
 )
 from xitl_cli.record.recorder import Recorder
@@ -41,10 +40,10 @@ _BIASES = {
 
 def describe_fault(fault: FaultSpec) -> str:
     """Return a text such as `link both ways: delay 0.1 s, loss 5 %; imu: gyro + [0, 0, 0.01] rad/s`."""
-    parts = []
+    parts: list[tuple[str, Iterable[str]]] = []
     if fault.link is not None:
-        what = "link" if fault.link.which == "agent" else f"link to {fault.link.which}"
-        parts.append((f"{what} {_WAYS[fault.link.direction]}", _link(fault.link)))
+        name = "link" if fault.link.which == "agent" else f"link to {fault.link.which}"
+        parts.append((f"{name} {_WAYS[fault.link.direction]}", _link(fault.link)))
     if fault.agent is not None:
         parts.append((fault.agent.which, _agent(fault.agent)))
     for name in ("imu", "gnss", "magnetometer", "barometer"):
@@ -55,10 +54,12 @@ def describe_fault(fault: FaultSpec) -> str:
         which = fault.propeller.which
         parts.append((which if which.startswith("propeller") else f"{which} propeller", _propeller(fault.propeller)))
     if fault.rudder is not None:
-        parts.append((fault.rudder.which or "rudder", _rudder(fault.rudder)))
+        angle_deg = fault.rudder.jam_angle_deg
+        jammed = "jammed at its angle" if angle_deg is None else f"jammed at {angle_deg:+g} degrees"
+        parts.append((fault.rudder.which or "rudder", [jammed] if fault.rudder.jam or angle_deg is not None else []))
     if fault.battery is not None:
         parts.append(("battery", _battery(fault.battery)))
-    return "; ".join(f"{what}: {', '.join(words)}" for what, words in parts)
+    return "; ".join(f"{name}: {', '.join(words)}" for name, words in parts)
 
 
 def _link(link: LinkFault) -> Iterator[str]:
@@ -108,13 +109,6 @@ def _propeller(propeller: PropellerFault) -> Iterator[str]:
         yield "reversed"
 
 
-def _rudder(rudder: RudderFault) -> Iterator[str]:
-    if rudder.jam_angle_deg is not None:
-        yield f"jammed at {rudder.jam_angle_deg:+g} degrees"
-    elif rudder.jam:
-        yield "jammed at its angle"
-
-
 def _battery(battery: BatteryFault) -> Iterator[str]:
     if battery.added_resistance_ohm:
         yield f"{battery.added_resistance_ohm:g} ohm more resistance"
@@ -127,7 +121,6 @@ def _battery(battery: BatteryFault) -> Iterator[str]:
 NEVER_NS = 1 << 62
 _ALL = ""
 _NOTICE = dialect.MAV_SEVERITY_NOTICE
-_KINDS = FAULT_GROUPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,7 +276,7 @@ class _Timed:
         self.fault = fault
         self.from_ns, self.until_ns = span_ns(fault)
         self.seed = int(seeds.sequence(f"faults/{name}").generate_state(1)[0])
-        self.kinds = [kind for kind in _KINDS if getattr(fault, kind) is not None]
+        self.kinds = [kind for kind in FAULT_GROUPS if getattr(fault, kind) is not None]
         self.begun = self.ended = False
         self.settled: set[str] = set()
         self.did: dict[str, int] = {}
@@ -298,7 +291,7 @@ class _Timed:
             self.settled.clear()
         self.fault = fault
         self.from_ns, self.until_ns = span_ns(fault)
-        self.kinds = [kind for kind in _KINDS if getattr(fault, kind) is not None]
+        self.kinds = [kind for kind in FAULT_GROUPS if getattr(fault, kind) is not None]
 
     def in_force(self, sim_ns: int) -> bool:
         return self.from_ns <= sim_ns < self.until_ns
@@ -311,15 +304,17 @@ def span_ns(fault: FaultSpec) -> tuple[int, int]:
 
 def _combined(timed: list[_Timed], link: str) -> FaultsInForce:
     """Combine all active faults on one link. The highest processor load counts; offsets and skews add up."""
-    links = [one.fault.link for one in timed if one.fault.link is not None and one.fault.link.which == link]
-    agents = [one.fault.agent for one in timed if one.fault.agent is not None and one.fault.agent.which == link]
+    on_link = [fault for fault in timed if fault.fault.link is not None and fault.fault.link.which == link]
+    links = [fault.fault.link for fault in on_link if fault.fault.link is not None]
+    faults = [fault.fault.agent for fault in timed]
+    agents = [agent for agent in faults if agent is not None and agent.which == link]
     return FaultsInForce(
         to_agent=_one_way([link for link in links if link.direction != "actuators"]),
         from_agent=_one_way([link for link in links if link.direction != "sensors"]),
         cpu_load=max((agent.cpu_load for agent in agents), default=0.0),
         clock_offset_s=math.fsum(agent.clock_offset_s for agent in agents),
         clock_skew_ppm=math.fsum(agent.clock_skew_ppm for agent in agents),
-        seed=reduce(xor, (one.seed for one in timed if one.fault.link is not None and one.fault.link.which == link), 0),
+        seed=reduce(xor, (fault.seed for fault in on_link), 0),
     )
 
 

@@ -1,6 +1,6 @@
 """Live outputs: plug-ins that show a run in progress and may pass on commands of a person.
 
-A run loads the outputs that its profile selects from the entry-point group `xitl.live_outputs`:
+A run loads the outputs that its profile selects from the entry-point group `xitl.live_outputs` (nodes/plugin_nodes.py):
 
     output = factory(profiles)                   profiles: one a vessel
     output.vessel_node(LiveVessel(...))          once for each vessel
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.registry import LIVE_OUTPUTS, load
 from xitl_cli.run.core.node import ControlNode, RunNode
 
 
@@ -56,10 +55,3 @@ class LiveOutput:
     def world_nodes(self, run: LiveRun) -> Sequence[RunNode]:
         """Nodes that run after all vessels."""
         return ()
-
-
-def live_outputs(profiles: Sequence[RunProfile]) -> list[LiveOutput]:
-    """Load the live outputs that the first profile of a run selects. Raises PluginError when one is missing."""
-    lead = profiles[0]
-    wanted = {"view": lead.view.show, "foxglove": lead.live.foxglove, "ros": lead.ros.enabled}
-    return [load(LIVE_OUTPUTS, name)(profiles) for name, is_wanted in wanted.items() if is_wanted]

@@ -25,6 +25,7 @@ from agent.wire.link import Link
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
 from sim_core.world.contact import Contacts
+from xitl_cli.errors import UserError
 from xitl_cli.graph.measured import Edge
 from xitl_cli.record.mcap_file import ChannelMirror
 from xitl_cli.record.recorder import Recorder
@@ -192,3 +193,7 @@ class WorldNodes:
 def overriding(nodes: Iterable[RunNode], method: str) -> list[Callable[..., Any]]:
     """Return `method` of the nodes that override it, so that the others cost nothing at the physics rate."""
     return [getattr(node, method) for node in nodes if getattr(type(node), method) is not getattr(RunNode, method)]
+
+
+class PluginNodeError(UserError):
+    """A node of a plug-in raised an exception. It ends the run, whatever `clock.on_loss` is."""

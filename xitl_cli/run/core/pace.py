@@ -97,42 +97,40 @@ class OperatedLockstep(Lockstep):
         self.factor = factor
         self._interrupted = interrupted
         self._clock_ns = clock_ns
-        self._stands_at_ns: int | None = None
+        self._pause_ns: int | None = None
         self._anchor: tuple[int, int] | None = None
         self._free = factor is None
 
     @property
     def paused(self) -> bool:
         """Whether the run is paused, or will be after the current step."""
-        return self._stands_at_ns is not None
+        return self._pause_ns is not None
 
     def pause(self, sim_ns: int) -> None:
         """Pause from this instant on."""
-        self._stands_at_ns = sim_ns
+        self._pause_ns = sim_ns
         self._free = False
 
     def step(self, duration_ns: int) -> None:
         """While paused, run for this duration and pause again."""
-        if self._stands_at_ns is not None:
-            self._stands_at_ns += duration_ns
+        if self._pause_ns is not None:
+            self._pause_ns += duration_ns
 
     def resume(self) -> None:
         """Continue the run."""
-        self._stands_at_ns = self._anchor = None
+        self._pause_ns = self._anchor = None
         self._free = self.factor is None
 
     def set_factor(self, factor: float | None) -> None:
         """Set the multiple of real time from now on. None: as fast as possible."""
         self.factor, self._anchor = factor, None
-        self._free = factor is None and self._stands_at_ns is None
+        self._free = factor is None and self._pause_ns is None
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
         self._cycles += 1
-        if not self._free:
-            self._wait(sim_ns)
-
-    def _wait(self, sim_ns: int) -> None:
-        while self._stands_at_ns is not None and sim_ns > self._stands_at_ns and not self._interrupted():
+        if self._free:
+            return
+        while self._pause_ns is not None and sim_ns > self._pause_ns and not self._interrupted():
             self._anchor = None
             time.sleep(LISTEN_S)
             self.listen()

@@ -103,10 +103,10 @@ class NodeReport:
     """Efforts that the node's actuation allocated."""
     log_dropped: int = field(default=0, metadata=_reported("records of its log not written"))
     """Records for which the node's log had no space."""
-    stations_missed: int = field(default=0, metadata=_reported("things ground stations missed"))
+    stations_missed: int = field(default=0, metadata=_reported("messages missed by ground stations"))
     """Messages that ground stations did not get, or sent in vain."""
-    events_lost: int = field(default=0, metadata=_reported("sentences lost"))
-    """Sentences that were not read in time."""
+    events_lost: int = field(default=0, metadata=_reported("event texts lost"))
+    """Texts of events that were not read in time."""
     controller_failures: int = field(default=0, metadata=_reported("failures of the controller"))
     """Steps at which the user's controller raised or gave no usable answer."""
 
@@ -127,7 +127,13 @@ class ActuatorReport:
 
     def section(self) -> dict[str, Any]:
         """Return `actuators`."""
-        return {"age_us": _quantiles_us(self.age), "stale": self.stale, "longest_stale": self.longest_stale}
+        p50_ns, p99_ns = self.age.quantile_ns(0.5), self.age.quantile_ns(0.99)
+        age_us = {
+            "p50": None if p50_ns is None else p50_ns / 1e3,
+            "p99": None if p99_ns is None else p99_ns / 1e3,
+            "max": self.age.max_ns / 1e3 if self.age.count else None,
+        }
+        return {"age_us": age_us, "stale": self.stale, "longest_stale": self.longest_stale}
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +158,7 @@ def troubles(report: type) -> dict[str, str]:
 
     report: LinkReport, NodeReport or BridgeCounts.
     """
-    return {each.name: each.metadata["trouble"] for each in fields(report) if each.metadata.get("trouble")}
+    return {counter.name: counter.metadata["trouble"] for counter in fields(report) if counter.metadata.get("trouble")}
 
 
 def task_section(task: TaskTiming) -> dict[str, Any]:
@@ -193,12 +199,3 @@ def _bin_quantile_us(histogram: tuple[int, ...], share: float, max_s: float) -> 
 
 def _seconds(stamp_ns: int | None) -> float | None:
     return None if stamp_ns is None else stamp_ns / 1e9
-
-
-def _quantiles_us(latency: Histogram) -> dict[str, float | None]:
-    p50, p99 = latency.quantile_ns(0.5), latency.quantile_ns(0.99)
-    return {
-        "p50": None if p50 is None else p50 / 1e3,
-        "p99": None if p99 is None else p99 / 1e3,
-        "max": latency.max_ns / 1e3 if latency.count else None,
-    }

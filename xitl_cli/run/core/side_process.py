@@ -24,7 +24,7 @@ def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> su
 
     The process gets a new session, because Ctrl-C is for the run alone.
     """
-    numbers = [one.fileno() for one in sockets]
+    numbers = [inherited.fileno() for inherited in sockets]
     return subprocess.Popen(
         [sys.executable, "-m", module, *map(str, numbers)],
         pass_fds=numbers,
@@ -124,28 +124,23 @@ class SideProcess:
             self._words.close()
 
     def _lose(self) -> None:
+        """Report the loss with the signal that ended the process, otherwise with its last line of output."""
+        assert self._process is not None
+        assert self._words is not None
         self._disconnect()
-        reason = self._why_ended()
+        try:
+            code = self._process.wait(self._patience_s)
+        except subprocess.TimeoutExpired:
+            self._on_loss("")
+            return
+        reason = f"signal {-code}"
+        if code >= 0:
+            self._words.seek(0)
+            lines = self._words.read().decode(errors="replace").strip().splitlines()
+            reason = lines[-1].strip()[:LONGEST_REASON] if lines else ""
         self._on_loss(f" ({reason})" if reason else "")
 
     def _disconnect(self) -> None:
         if self._pipe is not None:
             self._pipe.close()
             self._pipe = None
-
-    def _why_ended(self) -> str:
-        """Return the signal that ended it, otherwise its last line of output.
-
-        Empty without either, and while it still runs.
-        """
-        assert self._process is not None
-        assert self._words is not None
-        try:
-            code = self._process.wait(self._patience_s)
-        except subprocess.TimeoutExpired:
-            return ""
-        if code < 0:
-            return f"signal {-code}"
-        self._words.seek(0)
-        lines = self._words.read().decode(errors="replace").strip().splitlines()
-        return lines[-1].strip()[:LONGEST_REASON] if lines else ""

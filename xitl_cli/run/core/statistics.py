@@ -56,9 +56,9 @@ class Spread:
     def add(self, value: float) -> None:
         """Add a value."""
         self.count += 1
-        away = value - self.mean
-        self.mean += away / self.count
-        self._squares += away * (value - self.mean)
+        deviation = value - self.mean
+        self.mean += deviation / self.count
+        self._squares += deviation * (value - self.mean)
 
     @property
     def deviation(self) -> float | None:
@@ -126,16 +126,13 @@ class DriftWindows:
         if self._began_ns is None:
             self._began_ns = t1_ns
         if t1_ns - self._began_ns >= WINDOW_NS:
-            self._close()
+            if self._sync.ready:
+                estimate = self._sync.estimate
+                if estimate.used >= WINDOW_SAMPLES and not estimate.steps:
+                    self._drifts.add(estimate.drift_ppm)
             self._began_ns = t1_ns
             self._sync = ClockSync(uneven_ns=self._uneven_ns)
         self._sync.add(t1_ns, t2_ns, t3_ns, t4_ns)
-
-    def _close(self) -> None:
-        if self._sync.ready:
-            estimate = self._sync.estimate
-            if estimate.used >= WINDOW_SAMPLES and not estimate.steps:
-                self._drifts.add(estimate.drift_ppm)
 
     @property
     def deviation_ppm(self) -> float | None:

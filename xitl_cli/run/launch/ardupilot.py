@@ -64,12 +64,22 @@ class FirmwareLaunch:
         self.bridge = bridge
         self._ground_stations = ground_stations
         self._rc_port = rc_port
-        self._values = start_parameters(profile) | _system_parameters(autopilot.system_id)
+        self._values = start_parameters(profile)
+        if autopilot.system_id != 1:  # the names of all versions, of which each ignores the unknown one
+            self._values |= dict.fromkeys(("MAV_SYSID", "SYSID_THISMAV"), float(autopilot.system_id))
         self._ais = ais
         if ais is not None:
             self._values |= {f"SERIAL{self._ais_port()}_PROTOCOL": AIS_PROTOCOL, "AIS_TYPE": 1}
-        if bridge.sensors == "hil":
-            self._check_scripting()
+        if bridge.sensors != "hil":
+            return
+        # With the driver on and no script at its other end, ArduPilot crashes at its start.
+        for name, required in SCRIPTING.items():
+            value = self._values.get(name, 0.0)
+            if value != required:
+                raise UserError(
+                    f"autopilot.parameters.{name} = {value:g}: autopilot.bridge.sensors = hil needs {required} for its "
+                    "script; remove the value, so that parameter file rover-hil sets it"
+                )
 
     def start(self, run_directory: Path) -> FirmwareProcess:
         """Start it in a new folder `autopilot/` of the run's directory. Raises UserError."""
@@ -81,7 +91,7 @@ class FirmwareLaunch:
             if self.bridge.sensors == "hil":
                 shutil.copytree(firmware_params_dir() / "lua", directory / SCRIPTS)
         except OSError as error:
-            raise UserError(f"{directory}: cannot be made ({error.strerror}); choose another --out") from error
+            raise UserError(f"{directory} cannot be created ({error.strerror}); choose another --out") from error
         process = FirmwareProcess(self.program, self.arguments(), directory)
         if self._profile.autopilot.firmware_build == "sitl":
             process.wait_for(*_LISTENS, timeout_s=LISTENS_S)
@@ -114,7 +124,9 @@ class FirmwareLaunch:
             )
         if self.bridge.sensor_link is not None:
             port, parts = self._sensor_port(), urlsplit(self.bridge.sensor_link)
-            serial[port] = f"uart:{parts.path}:{_baud(parts)}" if parts.scheme == "serial" else f"tcp:{parts.port}"
+            query = dict(word.partition("=")[::2] for word in parts.query.split("&"))
+            device = f"uart:{parts.path}:{query.get('baud', '921600')}"
+            serial[port] = device if parts.scheme == "serial" else f"tcp:{parts.port}"
         if self._ais is not None:
             serial[self._ais_port()] = f"tcpclient:127.0.0.1:{urlsplit(self._ais).port}"
         return words + _serial_words(serial)
@@ -128,19 +140,6 @@ class FirmwareLaunch:
         if self.bridge.sensor_link is not None:
             serial[self._sensor_port()] = _linux_path(self.bridge.sensor_link, waits=True)
         return words + _serial_words(serial)
-
-    def _check_scripting(self) -> None:
-        """Check the scripting parameters.
-
-        With the driver on and no script at its other end, ArduPilot crashes at its start.
-        """
-        for name, wanted in SCRIPTING.items():
-            value = self._values.get(name, 0.0)
-            if value != wanted:
-                raise UserError(
-                    f"autopilot.parameters.{name} = {value:g}: autopilot.bridge.sensors = hil needs {wanted}, for the "
-                    "script that takes them; leave it as parameter file rover-hil has it"
-                )
 
     def _stations(self) -> Iterator[tuple[int, SplitResult]]:
         """Yield the serial ports for ground stations with their addresses."""
@@ -159,18 +158,9 @@ class FirmwareLaunch:
         if port is None:
             raise UserError(
                 f"autopilot.parameter_files: no serial port of the autopilot has SERIALn_PROTOCOL = "
-                f"{EXTERNAL_AHRS_PROTOCOL}, so autopilot.bridge.sensor_link leads nowhere; set one, "
-                "for instance SERIAL4_PROTOCOL"
+                f"{EXTERNAL_AHRS_PROTOCOL} for autopilot.bridge.sensor_link; set one, for instance SERIAL4_PROTOCOL"
             )
         return port
-
-
-def _system_parameters(system_id: int) -> dict[str, float]:
-    """Return the parameters of the MAVLink system, by the names of all versions.
-
-    A version ignores unknown names. Default: 1.
-    """
-    return {} if system_id == 1 else dict.fromkeys(("MAV_SYSID", "SYSID_THISMAV"), float(system_id))
 
 
 def _linux_path(url: str, waits: bool = False) -> str:
@@ -185,8 +175,3 @@ def _linux_path(url: str, waits: bool = False) -> str:
 
 def _serial_words(serial: dict[int, str]) -> list[str]:
     return [word for port, path in sorted(serial.items()) for word in (f"--serial{port}", path)]
-
-
-def _baud(parts: SplitResult) -> str:
-    query = dict(word.partition("=")[::2] for word in parts.query.split("&"))
-    return query.get("baud", "921600")

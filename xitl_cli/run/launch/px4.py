@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -43,8 +42,8 @@ class Px4Launch:
         bridge = profile.autopilot.bridge
         self.program, self._data = find_px4(profile.autopilot.firmware)
         self._profile = profile
-        self._kept = ExitStack()
-        self.instance = self._reserved(bridge)
+        self._ports = PortClaims()
+        self.instance = self._reserve(bridge)
         self.bridge = replace(
             bridge,
             mavlink=f"udp://{LOCAL}:{PX4_MAVLINK_PORT + self.instance}",
@@ -66,7 +65,7 @@ class Px4Launch:
             if startup is not None:
                 (directory / STARTUP).write_text(startup)
         except OSError as error:
-            raise UserError(f"{directory}: cannot be made ({error.strerror}); choose another --out") from error
+            raise UserError(f"{directory} cannot be created ({error.strerror}); choose another --out") from error
         process = FirmwareProcess(self.program, self.arguments(), directory, self.environment())
         process.wait_for(*_CALLS, timeout_s=STARTS_S)
         return process
@@ -95,34 +94,30 @@ class Px4Launch:
         values = start_parameters(self._profile)
         airframe = values.pop("SYS_AUTOSTART", AIRFRAME)
         ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
-        told = {f"PX4_PARAM_{name}": f"{value:.9g}" for name, value in values.items()}
-        return ours | told | {"PX4_SYS_AUTOSTART": f"{airframe:.0f}"}
+        parameters = {f"PX4_PARAM_{name}": f"{value:.9g}" for name, value in values.items()}
+        return ours | parameters | {"PX4_SYS_AUTOSTART": f"{airframe:.0f}"}
 
     def end(self) -> None:
         """Release the instance. Safe to call again."""
-        self._kept.close()
+        self._ports.close()
 
-    def _reserved(self, bridge: BridgeSpec) -> int:
-        """Return the instance of the port in the profile, otherwise the lowest instance with free ports."""
+    def _reserve(self, bridge: BridgeSpec) -> int:
+        """Reserve the instance of the port in the profile, otherwise the lowest instance with free ports."""
         port = urlsplit(bridge.sensor_link or "").port or 0
-        wanted = [port - PX4_SIMULATOR_PORT] if port else range(MOST_PX4_INSTANCES)
-        for instance in wanted:
-            if self._reserve(instance):
+        for instance in [port - PX4_SIMULATOR_PORT] if port else range(MOST_PX4_INSTANCES):
+            addresses = [
+                ("tcp", LOCAL, PX4_SIMULATOR_PORT + instance),
+                ("udp", "0.0.0.0", PX4_MAVLINK_PORT + instance),
+                ("udp", "0.0.0.0", STATION_PORT + instance),
+            ]
+            if all(
+                is_free(urlsplit(f"{scheme}://{host}:{number}")) and self._ports.claim(scheme, number)
+                for scheme, host, number in addresses
+            ):
                 return instance
-        where = f"port {port}" if port else f"ports {PX4_SIMULATOR_PORT} and following"
+            self._ports.close()  # another program or run has one of the ports
+        where = f"port {port}" if port else f"the ports from {PX4_SIMULATOR_PORT} on"
         raise UserError(
-            f"autopilot.bridge.sensor_link: {where} of this machine, or the others of that PX4 instance, are taken; "
-            "end the PX4 or the run that has them"
+            f"autopilot.bridge.sensor_link: {where} of this machine, or the other ports of that PX4 instance, are in "
+            "use; end the PX4 or the run that uses them"
         )
-
-    def _reserve(self, instance: int) -> bool:
-        """Reserve the ports of an instance. Returns False when another program or run has one of them."""
-        ports = PortClaims()
-        wanted = [("tcp", PX4_SIMULATOR_PORT), ("udp", PX4_MAVLINK_PORT), ("udp", STATION_PORT)]
-        for scheme, first in wanted:
-            port, host = first + instance, LOCAL if scheme == "tcp" else "0.0.0.0"
-            if not is_free(urlsplit(f"{scheme}://{host}:{port}")) or not ports.claim(scheme, port):
-                ports.close()
-                return False
-        self._kept.callback(ports.close)
-        return True

@@ -67,7 +67,15 @@ class AgentWorker:
                 if not self._make():
                     return
             for descriptor in ready or list(self._agents):
-                self._work(descriptor)
+                agent = self._agents[descriptor]
+                try:
+                    agent.poll()
+                except Exception as error:  # noqa: BLE001  the host names the vessel
+                    traceback.print_exc()
+                    self._say(agent.number, repr(error))
+                    agent.transport.lost = True
+                if agent.transport.lost:
+                    self._close(descriptor)
 
     def close(self) -> None:
         """Close all remaining agents."""
@@ -91,17 +99,6 @@ class AgentWorker:
         self._poll.register(descriptor, select.POLLIN)
         self._say(number, "")
         return True
-
-    def _work(self, descriptor: int) -> None:
-        agent = self._agents[descriptor]
-        try:
-            agent.poll()
-        except Exception as error:  # noqa: BLE001  the host names the vessel
-            traceback.print_exc()
-            self._say(agent.number, repr(error))
-            agent.transport.lost = True
-        if agent.transport.lost:
-            self._close(descriptor)
 
     def _close(self, descriptor: int) -> None:
         self._poll.unregister(descriptor)

@@ -112,13 +112,13 @@ class Worker:
         try:
             code = self._process.wait(STOP_S)
         except subprocess.TimeoutExpired:
-            return UserError("the process of the autopilot does not answer; look at what else runs here")
+            return UserError("the process of the autopilot does not answer; check the load of this machine")
         reason = f"exit code {code}"
         if code < 0:
-            reason = f"signal {-code} killed it; look for who sent it (out of memory?), then run again"
+            reason = f"signal {-code} killed it; find its sender (out of memory?), then run again"
         others = ", ".join(name for name in self._vessels if name != vessel)
-        whose = f"the autopilot, and of those of {others}," if others else "the autopilot"
-        return UserError(f"the process of {whose} ended: {reason}")
+        autopilots = f"the autopilots of this vessel and of {others}" if others else "the autopilot"
+        return UserError(f"the process of {autopilots} ended: {reason}")
 
     def close(self) -> None:
         """End the process."""
@@ -170,7 +170,7 @@ class WorkerAgent:
     def unreachable(self, waited_s: float) -> UserError:
         return UserError(
             f"the autopilot, in a process of this machine, did not answer for {waited_s:.0f} s; "
-            "look at what else runs here"
+            "check the load of this machine"
         )
 
     def close(self) -> None:

@@ -97,10 +97,21 @@ class AutopilotCommands:
         """
         lat, lon = round(lat_deg * 1e7), round(lon_deg * 1e7)
         self.view.guide(lat_deg, lon_deg)
-        if self.view.px4:
-            self._reposition(sim_ns, lat, lon, alt_m)
+        if not self.view.px4:
+            self._target_message(sim_ns, POSITION_ONLY, lat, lon, alt_m)
             return
-        self._target_message(sim_ns, POSITION_ONLY, lat, lon, alt_m)
+        # DO_REPOSITION until it is accepted, and again only for another place
+        command, place = dialect.MAV_CMD_DO_REPOSITION, (lat, lon, alt_m)
+        if place != self._place:
+            self._place = place
+            self._sent_ns.pop(command, None)
+        if self.accepted(command):
+            return
+        self._sent_ns[command] = sim_ns
+        self.view.acks.pop(command, None)
+        how = (DO_NOT_CHANGE_SPEED, CHANGE_MODE, 0.0, math.nan)
+        frame = dialect.MAV_FRAME_GLOBAL
+        self.send(dialect.MAVLink_command_int_message(*self._target, frame, command, 0, 0, *how, lat, lon, alt_m))
 
     def sail(self, sim_ns: int, vel_ne_mps: tuple[float, float]) -> None:
         """Send a GUIDED velocity, bow ahead. Repeat it: a vessel stops without a new one for GUID_TIMEOUT, or 3 s.
@@ -157,20 +168,6 @@ class AutopilotCommands:
                 boot_ms, *self._target, frame, mask, lat, lon, alt_m, *vel_ne_mps, *rest
             )
         )
-
-    def _reposition(self, sim_ns: int, lat: int, lon: int, alt_m: float) -> None:
-        """Send DO_REPOSITION until it is accepted, and again only for another place."""
-        command, place = dialect.MAV_CMD_DO_REPOSITION, (lat, lon, alt_m)
-        if place != self._place:
-            self._place = place
-            self._sent_ns.pop(command, None)
-        if self.accepted(command):
-            return
-        self._sent_ns[command] = sim_ns
-        self.view.acks.pop(command, None)
-        how = (DO_NOT_CHANGE_SPEED, CHANGE_MODE, 0.0, math.nan)
-        frame = dialect.MAV_FRAME_GLOBAL
-        self.send(dialect.MAVLink_command_int_message(*self._target, frame, command, 0, 0, *how, lat, lon, alt_m))
 
     def accepted(self, command: int) -> bool:
         """Whether the command was sent since `forget` and accepted."""

@@ -133,9 +133,8 @@ class AutopilotClock:
     def report(self) -> ClockReport:
         """Return the relation of the clocks at the end."""
         if not self._lockstep:
-            found = self._timing.report()
-            uneven = self._uneven
-            return found if uneven is None else replace(found, steps=uneven.steps, stood_s=uneven.lost_s)
+            report, uneven = self._timing.report(), self._uneven
+            return report if uneven is None else replace(report, steps=uneven.steps, stood_s=uneven.lost_s)
         if self._offset_ns is None:
             return ClockReport(NODE, None, None)
         return ClockReport(NODE, self._offset_ns * 1e-3, 0.0, self._trip_ns * 1e-3, samples=self._samples)

@@ -224,7 +224,20 @@ class AgentConnection:
         say_hello = partial(self._send_run, dialect.XITL_RUN_COMMAND_HELLO)
         self._say_until(lambda: self.inbox.view.status is not None, say_hello, HELLO_INTERVAL_S, timeout_s, peer.check)
         if self.inbox.view.status is None:
-            raise self._not_understood_error() or peer.unreachable(timeout_s)
+            terms, where = self._terms, transport.peer
+            if self.link.refused_signature:
+                raise UserError(
+                    f"{where}: {terms.who} answers, but not signed with {terms.key}.link_key_file = "
+                    f"{terms.link_key_file}; start it with --link-key and the same key, or remove the key from the "
+                    "profile"
+                )
+            if self.link.counters.dropped:  # data without a valid frame
+                baud = ", or use the same baud rate" if self.link.transport.name == "serial" else ""
+                raise UserError(
+                    f"{where}: this host does not understand the answers; install the same release of xitl on both"
+                    f"{baud}"
+                )
+            raise peer.unreachable(timeout_s)
         protocol = self.inbox.view.status.protocol
         if protocol != PROTOCOL:
             raise UserError(
@@ -234,14 +247,14 @@ class AgentConnection:
         info = self.inbox.view.info
         if info is not None and self._terms.node not in info.nodes.split(","):
             raise UserError(
-                f"{transport.peer}: the agent there is no {self._terms.key}, it runs {info.nodes}; "
+                f"{transport.peer}: the agent is no {self._terms.key}, it runs {info.nodes}; "
                 f"start it with --role {self._terms.role}, or use another {self._terms.key}.link"
             )
-        system_id, wanted = self.inbox.view.status.get_srcSystem(), self.target[0]
-        if system_id != wanted:
+        system_id, expected = self.inbox.view.status.get_srcSystem(), self.target[0]
+        if system_id != expected:
             raise UserError(
-                f"{transport.peer}: {self._who} there is MAVLink system {system_id}, autopilot.system_id is {wanted}; "
-                f"start it with --system-id {wanted}, or use another {self._terms.key}.link"
+                f"{transport.peer}: {self._who} is MAVLink system {system_id}, but autopilot.system_id is {expected}; "
+                f"start it with --system-id {expected}, or use another {self._terms.key}.link"
             )
         self._reached = True
 
@@ -278,10 +291,10 @@ class AgentConnection:
             self._send_run(dialect.XITL_RUN_COMMAND_START)
             self.link.reset_counters()
 
-        said = self._say_until(self._has_our_run, start, HELLO_INTERVAL_S, START_WAIT_S, self.peer.check)
+        calls = self._say_until(self._has_our_run, start, HELLO_INTERVAL_S, START_WAIT_S, self.peer.check)
         if not self._has_our_run():
             raise self.peer.unreachable(START_WAIT_S)
-        if said > 1:  # a start message that arrives late starts the run a second time
+        if calls > 1:  # a start message that arrives late starts the run a second time
             self._receive_until(lambda: False, HELLO_INTERVAL_S)
         self.inbox.accounts.started()
 
@@ -297,12 +310,12 @@ class AgentConnection:
         peer, at = self.peer.transport.peer, f"at {self._sim_s():.2f} s of simulation time"
         if self.inbox.view.status.running:
             return UserError(
-                f"{peer}: {self._who} has another run on, {at}: another host has started it; give each host an agent "
-                "of its own, and the link a key (--link-key), then run again"
+                f"{peer}: {self._who} is in another run, {at}: another host has started it; use one agent for each "
+                "host, and a key for the link (--link-key), then run again"
             )
         return UserError(
-            f"{peer}: {self._who} answers but has no run on, {at}: it was started anew; look at its log for why it "
-            "ended, then run again"
+            f"{peer}: {self._who} answers but is in no run, {at}: it was restarted; find the reason in its log, then "
+            "run again"
         )
 
     # In the run
@@ -386,15 +399,15 @@ class AgentConnection:
         check: Callable[[], object] = lambda: None,
     ) -> int:
         """Call `say` as often as needed, until `heard` is True or the patience is over. Returns the number of calls."""
-        began_s = said_s = time.monotonic()
-        said = 0
+        began_s = called_s = time.monotonic()
+        calls = 0
         while not heard() and (now_s := time.monotonic()) - began_s < patience_s:
             check()
-            if not said or now_s - said_s >= self.again_s(interval_s, patience_s):
+            if not calls or now_s - called_s >= self.again_s(interval_s, patience_s):
                 say()
-                said, said_s = said + 1, now_s
+                calls, called_s = calls + 1, now_s
             self._receive_until(heard, interval_s)
-        return said
+        return calls
 
     def request_time(self) -> None:
         """Request the agent's time stamps."""
@@ -404,21 +417,16 @@ class AgentConnection:
         """Handle the messages that have arrived; wait for them at most `timeout_s`."""
         self.peer.pump()
         messages = self.link.receive(timeout_s)
-        if self._reached:
-            messages = self._agents_own(messages)
+        if self._reached:  # drop messages of the host-agent protocol from other senders: any node may send on a bus
+            own, arrived = self.target, len(messages)
+            messages = [
+                message
+                for message in messages
+                if message.get_msgId() < OWN_IDS or (message.get_srcSystem(), message.get_srcComponent()) == own
+            ]
+            self._strangers += arrived - len(messages)
         self.inbox.handle(messages)
         return messages
-
-    def _agents_own(self, messages: list[Any]) -> list[Any]:
-        """Drop messages of the host-agent protocol from other senders, because any node may send on a bus."""
-        own = self.target
-        heard = [
-            message
-            for message in messages
-            if message.get_msgId() < OWN_IDS or (message.get_srcSystem(), message.get_srcComponent()) == own
-        ]
-        self._strangers += len(messages) - len(heard)
-        return heard
 
     def _receive_until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Handle incoming messages until `done` returns True or the time is up. Returns the result of `done`."""
@@ -460,24 +468,8 @@ class AgentConnection:
             return self._why_silent(seconds, self._sim_s())
         return UserError(
             f"{self.peer.transport.peer}: {self._who} stopped answering and was silent for {seconds:.3g} s, at "
-            f"{self._sim_s():.2f} s of simulation time; look at its log, its power and the cable"
+            f"{self._sim_s():.2f} s of simulation time; check its log, its power and the cable"
         )
-
-    def _not_understood_error(self) -> UserError | None:
-        """Return the error for data without a valid frame, or None when nothing arrived."""
-        terms, where = self._terms, self.link.transport.peer
-        if self.link.refused_signature:
-            return UserError(
-                f"{where}: {terms.who} answers, but not signed with {terms.key}.link_key_file = "
-                f"{terms.link_key_file}; start it with --link-key and the same key, or leave it out here"
-            )
-        if self.link.counters.dropped:
-            baud = "; or the baud rates differ" if self.link.transport.name == "serial" else ""
-            return UserError(
-                f"{where}: what answers there is not understood by this host; install the same release of xitl on "
-                f"both{baud}"
-            )
-        return None
 
     def apply_faults(self, sim_ns: int, faults: FaultsInForce | None) -> None:
         """Activate new faults, and repeat the agent's part once a second. None: no change."""
@@ -493,11 +485,11 @@ class AgentConnection:
         self.link.send(self._faults.message(sim_ns))
 
     def _impairable(self, transport: Transport) -> ImpairedTransport:
+        spared = set(_NEVER_IMPAIRED)
+        if self._lockstep:
+            spared.add(dialect.MAVLINK_MSG_ID_XITL_TICK)
         clock_s = self._sim_s if self._lockstep else time.monotonic
-        return ImpairedTransport(transport, self._is_never_impaired, clock_s)
-
-    def _is_never_impaired(self, message_id: int) -> bool:
-        return message_id in _NEVER_IMPAIRED or (self._lockstep and message_id == dialect.MAVLINK_MSG_ID_XITL_TICK)
+        return ImpairedTransport(transport, lambda message_id: message_id in spared, clock_s)
 
     # After the run
 
@@ -509,7 +501,10 @@ class AgentConnection:
             return
         if self._impaired is not None:
             self._impaired.set(NO_FAULTS)
-        self._drain()
+        # Wait until queued and delayed frames have been sent.
+        transport, until_s = self.link.transport, time.monotonic() + DRAIN_S
+        while (self.link.wake_s() is not None or transport.backlog_s() > 0.0) and time.monotonic() < until_s:
+            self.receive(0.01)
         inbox = self.inbox
         inbox.no_run = None
         began_s = time.monotonic()
@@ -520,21 +515,15 @@ class AgentConnection:
             self._send_run(dialect.XITL_RUN_COMMAND_STOP)
             sent = self.link.counters.sent
 
-        said = self._say_until(lambda: inbox.no_run is not None, end, STOP_INTERVAL_S, STOP_WAIT_S)
+        calls = self._say_until(lambda: inbox.no_run is not None, end, STOP_INTERVAL_S, STOP_WAIT_S)
         if inbox.no_run is None:
             return
-        if not self._lockstep or said > 1:
+        if not self._lockstep or calls > 1:
             late = self._faults.from_agent
             took_s = time.monotonic() - began_s
             self._receive_until(lambda: False, max(QUIET_S, 1.2 * took_s, late.delay_s + late.jitter_s))
         inbox.view.status = inbox.no_run
         inbox.accounts.stopped(inbox.no_run, sent)
-
-    def _drain(self) -> None:
-        """Wait until queued and delayed frames have been sent."""
-        transport, until_s = self.link.transport, time.monotonic() + DRAIN_S
-        while (self.link.wake_s() is not None or transport.backlog_s() > 0.0) and time.monotonic() < until_s:
-            self.receive(0.01)
 
     @property
     def is_open(self) -> bool:
@@ -569,10 +558,10 @@ class AgentConnection:
     def warnings(self) -> list[str]:
         """Return warnings about the link for the user."""
         there, back = self.links()
-        told = {f"{self._who} refused": there.refused, f"the host refused on the link of {self._who}": back.refused}
+        counts = {f"{self._who} refused": there.refused, f"the host refused on the link of {self._who}": back.refused}
         return [
-            f"{who} {count} frames, datagrams or calls of others; /log says whose"
-            for who, count in told.items()
+            f"{who} {count} frames, datagrams or calls of others; the topic /log names their senders"
+            for who, count in counts.items()
             if count
         ]
 

@@ -155,7 +155,7 @@ def request_launch(
 ) -> None:
     """Return when the run has accepted the launch. Raises UserError when it refuses, or when `url` does not answer."""
     if not url.startswith("udp://"):
-        raise UserError(f"{url}: launches go by UDP; write it like udp://127.0.0.1:14670")
+        raise UserError(f"{url}: launches need UDP; write it like udp://127.0.0.1:14670")
     # A random number distinguishes requests, because two commands in sequence may get the same port.
     request = int.from_bytes(os.urandom(2), "little")
     message = dialect.MAVLink_xitl_launch_message(

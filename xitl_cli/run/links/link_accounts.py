@@ -86,19 +86,16 @@ class LinkAccounts:
         counted["repeated"] = repeated = counters.repeated - self._base_repeated
         sent, received, lost = None, self.heard - self._base_heard, counted["gaps"]
         if self._final is not None and self._base is not None:
-            sent = self._sent_by_agent()
+            # Frames from the status that answered the start to the status that answered the stop, both included
+            counted_frames: int = self._final.frames_sent - self._base.frames_sent
+            numbers: int = self._final.get_seq() - self._base.get_seq()
+            sent = counted_frames + (numbers - counted_frames + 128) % 256 - 128 + 1
             lost = max(sent - (received - repeated), 0)
         elif self.over:
             lost = None
         return to_agent, LinkReport(
             f"{prefix}actuators", sent, received, lost, **counted, **_latencies(timing.actuators)
         )
-
-    def _sent_by_agent(self) -> int:
-        """Return the number of frames from the status that answered the start to that for the stop, both included."""
-        counted: int = self._final.frames_sent - self._base.frames_sent
-        numbers: int = self._final.get_seq() - self._base.get_seq()
-        return counted + (numbers - counted + 128) % 256 - 128 + 1
 
 
 _End = Callable[[str], "int | None"]

@@ -42,7 +42,7 @@ class PtyPair(ABC):
                 os.set_blocking(master, False)
         except OSError as error:
             self._give_back()
-            raise UserError(f"{where}: no pseudo-terminal can be had ({error.strerror}); mount /dev/pts") from error
+            raise UserError(f"{where}: no pseudo-terminal can be opened ({error.strerror}); mount /dev/pts") from error
         self.devices = (os.ttyname(self._slaves[0]), os.ttyname(self._slaves[1]))
         self._stop_reader, self._stop_writer = os.pipe()
         self._closed = False
@@ -112,31 +112,31 @@ class SerialLoopback(PtyPair):
         if baud <= 0:
             raise ValueError(f"serial loopback: baud = {baud}; use more than 0")
         self._byte_s = BITS_PER_BYTE / baud
-        self._held = [b"", b""]
+        self._queued = [b"", b""]
         self._through_s = [0.0, 0.0]  # time until which the delivered bytes occupy the line
         super().__init__("serial://pty")
         self.host_url, self.agent_url = (f"serial://{device}?baud={baud}" for device in self.devices)
 
     def _room(self, end: int) -> int:
-        return BUFFER_BYTES - len(self._held[end])
+        return BUFFER_BYTES - len(self._queued[end])
 
     def _take(self, end: int, data: bytes, now_s: float) -> None:
-        if not self._held[end]:
+        if not self._queued[end]:
             self._through_s[end] = max(self._through_s[end], now_s)
-        self._held[end] += data
+        self._queued[end] += data
 
     def _due(self, now_s: float) -> list[tuple[int, bytes]]:
         arrived = []
-        for end, held in enumerate(self._held):
-            count = min(int((now_s - self._through_s[end]) / self._byte_s), len(held))
+        for end, queued in enumerate(self._queued):
+            count = min(int((now_s - self._through_s[end]) / self._byte_s), len(queued))
             if count > 0:
                 self._through_s[end] += count * self._byte_s
-                self._held[end] = held[count:]
-                arrived.append((1 - end, held[:count]))
+                self._queued[end] = queued[count:]
+                arrived.append((1 - end, queued[:count]))
         return arrived
 
     def _busy(self) -> bool:
-        return any(self._held)
+        return any(self._queued)
 
 
 MOST_FRAMES = 256  # frames that an adapter queues; the computer queues the rest
@@ -177,21 +177,19 @@ class CanLoopback(PtyPair):
             self._free_at_s = max(self._free_at_s, now_s)
         *lines, rest = (self._text[end] + data).split(_END)
         self._text[end] = rest[-LONGEST_LINE:]
-        self._waiting[end].extend(frame for frame in map(self._frame, lines) if frame is not None)
-
-    def _frame(self, text: bytes) -> _Frame | None:
-        digits = _IDENTIFIERS.get(text[:1])
-        if digits is None:
-            return None
-        try:
-            identifier = int(text[1 : 1 + digits], 16)
-            length = FD_LENGTHS[int(text[1 + digits : 2 + digits], 16)]
-        except ValueError:
-            return None
-        if len(text) != 2 + digits + 2 * length:
-            return None
-        rank = identifier if digits == 8 else identifier << 18
-        return _Frame(text + _END, rank, self._line.frame_s(min(length, self._line.part_bytes)))
+        for text in lines:
+            digits = _IDENTIFIERS.get(text[:1])
+            if digits is None:
+                continue
+            try:
+                identifier = int(text[1 : 1 + digits], 16)
+                length = FD_LENGTHS[int(text[1 + digits : 2 + digits], 16)]
+            except ValueError:
+                continue
+            if len(text) == 2 + digits + 2 * length:
+                rank = identifier if digits == 8 else identifier << 18
+                took_s = self._line.frame_s(min(length, self._line.part_bytes))
+                self._waiting[end].append(_Frame(text + _END, rank, took_s))
 
     def _due(self, now_s: float) -> list[tuple[int, bytes]]:
         arrived: list[tuple[int, bytes]] = []

@@ -52,28 +52,32 @@ class AgentOptions:
 
     def arguments(self) -> list[str]:
         """Return the options as a command line."""
-        given = [("--gcs", url) for url in self.ground_stations]
-        others = {
+        options: dict[str, object] = {
             "--system-id": None if self.system_id == Options.system_id else self.system_id,
             "--controller": self.controller,
             "--signing-key": self.signing_key_file,
             "--link-key": self.link_key_file,
             "--log-dir": self.log_dir,
         }
-        given += [(option, str(value)) for option, value in others.items() if value is not None]
-        if self.bridge is not None:
-            given += [("--role", BRIDGE), *_bridge_options(self.bridge)]
+        bridge = self.bridge
+        if bridge is not None:
+            options |= {
+                "--role": BRIDGE,
+                "--autopilot": bridge.mavlink,
+                "--world": bridge.world,
+                "--sensors": bridge.sensors,
+                "--sensor-link": bridge.sensor_link,
+                "--outputs": ",".join(map(str, bridge.outputs)),
+                "--trim": f"{bridge.trim_us:g}",
+                "--span": f"{bridge.span_us:g}",
+            }
         if self.companion:
-            given.append(("--role", COMPANION))
-        return [word for pair in given for word in pair] + ["--fleet"] * (self.bridge is not None and self.fleet)
-
-
-def _bridge_options(bridge: BridgeSpec) -> list[tuple[str, str]]:
-    given = [("--autopilot", bridge.mavlink)]
-    others = {"--world": bridge.world, "--sensors": bridge.sensors, "--sensor-link": bridge.sensor_link}
-    given += [(option, value) for option, value in others.items() if value is not None]
-    given.append(("--outputs", ",".join(map(str, bridge.outputs))))
-    return [*given, ("--trim", f"{bridge.trim_us:g}"), ("--span", f"{bridge.span_us:g}")]
+            options["--role"] = COMPANION
+        words = [word for url in self.ground_stations for word in ("--gcs", url)]
+        for option, value in options.items():
+            if value is not None:
+                words += [option, str(value)]
+        return words + ["--fleet"] * (bridge is not None and self.fleet)
 
 
 def options_from_profile(
@@ -309,27 +313,19 @@ def _advice(url: str, role: str = "") -> str:
     if scheme == "can":
         return (
             "the bus is terminated at both ends, and that the board runs `xitl agent --link can://...` at the same bit "
-            "rate with the node numbers the other way round"
+            "rate with the node numbers exchanged"
         )
     host, _, port = rest.rpartition(":")
-    there = f"{host}:{port}" if _is_address(host) else f"usb0:{port}"
+    there = f"{host}:{port}"
+    try:
+        ip_address(host.strip("[]"))
+    except ValueError:  # a board may resolve its own name to 127.0.1.1, which is unreachable from outside
+        there = f"usb0:{port}"
     return (
         f"{host} answers a ping (cable, power, address of this machine's USB-Ethernet interface), and that the board "
         f"runs `xitl agent {role}--link {scheme}://{there}`, serves no other host and has the same link key as this "
         "one, or none like it"
     )
-
-
-def _is_address(host: str) -> bool:
-    """Whether the host is an IP address.
-
-    A board may resolve its own name to 127.0.1.1, which is unreachable from outside.
-    """
-    try:
-        ip_address(host.strip("[]"))
-    except ValueError:
-        return False
-    return True
 
 
 def open_peer(

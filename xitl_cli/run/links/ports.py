@@ -37,7 +37,7 @@ class PortClaims:
                 port: int = probe.getsockname()[1]
                 if self.claim(scheme, port):
                     return port
-        raise UserError(f"127.0.0.1: no {scheme.upper()} port is free; end some of the programs that have them")
+        raise UserError(f"127.0.0.1: no {scheme.upper()} port is free; end some of the programs that use ports")
 
     def free_url(self, url: str) -> str:
         """Return the address with a free port in place of port 0."""
@@ -51,9 +51,9 @@ class PortClaims:
         parts = urlsplit(url)
         first = parts.port or 1
         for port in range(first, min(first + TRIED, _HIGHEST + 1)):
-            found = parts._replace(netloc=parts.netloc.rpartition(":")[0] + f":{port}")
-            if is_free(found) and self.claim(parts.scheme, port):
-                return found.geturl()
+            candidate = parts._replace(netloc=parts.netloc.rpartition(":")[0] + f":{port}")
+            if is_free(candidate) and self.claim(parts.scheme, port):
+                return candidate.geturl()
         return None
 
     def claim(self, scheme: str, port: int) -> bool:

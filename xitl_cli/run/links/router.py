@@ -24,6 +24,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from time import monotonic
 from urllib.parse import urlsplit
 
@@ -63,16 +64,16 @@ def _target_offsets() -> dict[int, tuple[int, int | None]]:
 
     The component is None if there is none.
     """
-    found = {}
+    targets = {}
     for number, kind in dialect.mavlink_map.items():
-        at, places = 0, {}
+        at, offsets = 0, {}
         for index, name in enumerate(kind.ordered_fieldnames):
-            places[name] = at
+            offsets[name] = at
             at += _BYTES[kind.fieldtypes[kind.fieldnames.index(name)]] * max(kind.array_lengths[index], 1)
-        system = places.get("target_system", places.get("target"))
+        system = offsets.get("target_system", offsets.get("target"))
         if system is not None:
-            found[number] = system, places.get("target_component")
-    return found
+            targets[number] = system, offsets.get("target_component")
+    return targets
 
 
 TARGETS = _target_offsets()
@@ -183,16 +184,18 @@ class DatagramPlace(Place):
 
 def _datagrams(frames: list[bytes]) -> list[tuple[bytes, int]]:
     """Pack frames into as few datagrams as possible. Returns each datagram and its number of frames."""
-    found: list[tuple[bytes, int]] = []
-    held: list[bytes] = []
+    datagrams: list[tuple[bytes, int]] = []
+    packed: list[bytes] = []
     size = 0
     for frame in frames:
-        if held and size + len(frame) > DATAGRAM_BYTES:
-            found.append((b"".join(held), len(held)))
-            held, size = [], 0
-        held.append(frame)
+        if packed and size + len(frame) > DATAGRAM_BYTES:
+            datagrams.append((b"".join(packed), len(packed)))
+            packed, size = [], 0
+        packed.append(frame)
         size += len(frame)
-    return [*found, (b"".join(held), len(held))] if held else found
+    if packed:
+        datagrams.append((b"".join(packed), len(packed)))
+    return datagrams
 
 
 class Router:
@@ -218,21 +221,20 @@ class Router:
         self._selector.register(self._vessels, selectors.EVENT_READ, self._from_vessels)
         try:
             for url in stations:
-                self._open(url)
+                if url.startswith("tcp://"):
+                    listener = TcpListener(urlsplit(url))
+                    self._listeners.append(listener)
+                    self._selector.register(
+                        listener.fileno() or -1, selectors.EVENT_READ, partial(self._accept, listener)
+                    )
+                    continue
+                transport = open_transport(url, listen=False)
+                assert isinstance(transport, UdpTransport)
+                transport.longest = LARGEST
+                self._add(TransportPlace(transport, url, vessel=False))
         except TransportError:
             self.close()
             raise
-
-    def _open(self, url: str) -> None:
-        if url.startswith("tcp://"):
-            listener = TcpListener(urlsplit(url))
-            self._listeners.append(listener)
-            self._selector.register(listener.fileno() or -1, selectors.EVENT_READ, lambda: self._accept(listener))
-            return
-        transport = open_transport(url, listen=False)
-        assert isinstance(transport, UdpTransport)
-        transport.longest = LARGEST
-        self._add(TransportPlace(transport, url, vessel=False))
 
     @property
     def vessels_url(self) -> str:
@@ -262,7 +264,7 @@ class Router:
         now_s = monotonic()
         if now_s - self._look_s >= LOOK_S:
             self._look_s = now_s
-            self._look(now_s)
+            self._check_places(now_s)
 
     def report(self) -> dict[str, object]:
         """Return the counts, and the places of the known systems, as plain data."""
@@ -282,10 +284,10 @@ class Router:
     # Places
 
     def _accept(self, listener: TcpListener) -> None:
-        called = listener.accept()
-        if called is None:
+        connection = listener.accept()
+        if connection is None:
             return
-        sock, peer = called
+        sock, peer = connection
         stations = sum(not place.vessel for place in self._places)
         if stations >= MOST_STATIONS:
             sock.close()
@@ -315,9 +317,9 @@ class Router:
         if descriptor is not None:
             self._selector.register(descriptor, selectors.EVENT_READ, lambda: self._from_place(place))
 
-    def _look(self, now_s: float) -> None:
+    def _check_places(self, now_s: float) -> None:
         """Drop stations that have left or are stuck, and call vessels that have to be called."""
-        for place in [one for one in self._places if isinstance(one, TransportPlace)]:
+        for place in [place for place in self._places if isinstance(place, TransportPlace)]:
             transport = place.transport
             if isinstance(transport, TcpCaller):
                 transport.send(b"")  # connects again
@@ -423,7 +425,15 @@ class Router:
 
     def _destinations(self, source: Place, frame: bytes, sender: tuple[int, int]) -> list[Place]:
         number = frame[7] | frame[8] << 8 | frame[9] << 16
-        system, component = _target(number, frame)
+        system = component = 0  # for all
+        target = TARGETS.get(number)
+        if target is not None:
+            system_at, component_at = target
+            end = 10 + frame[1]  # trailing zeros are not sent
+            if 10 + system_at < end:
+                system = frame[10 + system_at]
+            if component_at is not None and 10 + component_at < end:
+                component = frame[10 + component_at]
         others = [place for place in self._places if place is not source and sender not in place.heard]
         if not system:
             if source.vessel and number not in FROM_VESSEL_TO_VESSEL:
@@ -436,17 +446,6 @@ class Router:
         return exactly or there
 
 
-def _target(number: int, frame: bytes) -> tuple[int, int]:
-    """Return system and component that a frame is for, 0 for all."""
-    places = TARGETS.get(number)
-    if places is None:
-        return 0, 0
-    end = 10 + frame[1]
-    at, component_at = 10 + places[0], None if places[1] is None else 10 + places[1]
-    system = frame[at] if at < end else 0  # trailing zeros are not sent
-    return system, frame[component_at] if component_at is not None and component_at < end else 0
-
-
 def main(urls: Sequence[str]) -> int:
     """Run until the end of the input. Returns 2 and writes one sentence when a port is not available."""
     try:
@@ -455,10 +454,10 @@ def main(urls: Sequence[str]) -> int:
         sys.stderr.write(f"{error}\n")
         return 2
     _say({"vessels": router.vessels_url, "stations": router.stations})
-    told = _Lines(router)
-    router.watch(sys.stdin.fileno(), told.read)
+    calls = _Lines(router)
+    router.watch(sys.stdin.fileno(), calls.read)
     try:
-        while not told.ended:
+        while not calls.ended:
             router.poll(LOOK_S)
         _say(router.report())
     finally:
@@ -482,8 +481,8 @@ class _Lines:
             self._router.call(line.decode())
 
 
-def _say(what: object) -> None:
-    sys.stdout.write(f"{json.dumps(what)}\n")
+def _say(message: object) -> None:
+    sys.stdout.write(f"{json.dumps(message)}\n")
     sys.stdout.flush()
 
 

@@ -30,7 +30,7 @@ Receive = Callable[[float], list[Any]]
 ANSWER_S = 1.0
 MISSION_S = 5.0
 TRIES = 4
-LOSSY = "the link may lose too much: check the cable, and the address in the profile"
+LOSSY = "the link may lose too many frames: check the cable, and the address in the profile"
 EXTERNAL_AHRS_PROTOCOL = 36  # SERIALn_PROTOCOL
 SERIAL_PORTS = range(10)
 
@@ -76,8 +76,13 @@ def start_parameters(profile: RunProfile) -> dict[str, float]:
 
     A PX4 gets the parameters of the sensors only at its start, because most of them take effect after a restart.
     """
-    sensors = _sensors_of_px4(profile) if profile.autopilot.kind == "px4" else {}
-    return sensors | parameter_file_values(profile.autopilot.parameter_files) | live_parameters(profile)
+    values: dict[str, float] = {}
+    if profile.autopilot.kind == "px4" and profile.sensors is not None:
+        gnss = profile.sensors.gnss
+        values["EKF2_GPS_DELAY"] = 1e3 * gnss.latency_s
+        values |= _position("EKF2_IMU_POS", profile.sensors.imu.position_frd_m)
+        values |= _position("EKF2_GPS_POS", gnss.antenna_frd_m)
+    return values | parameter_file_values(profile.autopilot.parameter_files) | live_parameters(profile)
 
 
 def parameter_file_values(names: Iterable[str], embedded: bool = False) -> dict[str, float]:
@@ -106,15 +111,6 @@ def _implied_parameters(profile: RunProfile, antenna: bool) -> dict[str, float]:
         if antenna:
             values.update(_position("GPS1_POS", profile.sensors.gnss.antenna_frd_m))
     return values
-
-
-def _sensors_of_px4(profile: RunProfile) -> dict[str, float]:
-    if profile.sensors is None:
-        return {}
-    gnss = profile.sensors.gnss
-    values = {"EKF2_GPS_DELAY": 1e3 * gnss.latency_s}
-    values |= _position("EKF2_IMU_POS", profile.sensors.imu.position_frd_m)
-    return values | _position("EKF2_GPS_POS", gnss.antenna_frd_m)
 
 
 def _position(name: str, position_frd_m: tuple[float, float, float]) -> dict[str, float]:
@@ -189,15 +185,15 @@ def set_parameters(
         complete(request, send, receive_texts)
         if request.answer is None:
             reason = (
-                f"did not take it: {texts[-1]}; check the name"
+                f"did not accept it: {texts[-1]}; check the name"
                 if texts
                 else f"did not answer in {TRIES * ANSWER_S:g} s; {LOSSY}"
             )
             raise UserError(f"{key}.parameters.{name}: the agent {reason}")
-        kept = client.value(request.answer)
-        if not math.isclose(kept, value, rel_tol=1e-6, abs_tol=1e-9):
+        actual = client.value(request.answer)
+        if not math.isclose(actual, value, rel_tol=1e-6, abs_tol=1e-9):
             reason = f" ({texts[-1]})" if texts else ""
-            raise UserError(f"{key}.parameters.{name} = {value:g}: the agent keeps {kept:g}{reason}")
+            raise UserError(f"{key}.parameters.{name} = {value:g}: the agent keeps {actual:g}{reason}")
 
 
 def upload_plan(
@@ -215,6 +211,6 @@ def upload_plan(
     upload = MissionUpload(target, items, mission_type, repeat_s=repeat_s, give_up_s=give_up_s)
     complete(upload, send, receive)
     if upload.result is None:
-        raise UserError(f"{name}: the agent did not finish taking it; {LOSSY}")
+        raise UserError(f"{name}: the agent did not answer until the end of the upload; {LOSSY}")
     if not upload.accepted:
         raise UserError(f"{name}: the agent refused it ({result_name(upload.result)})")

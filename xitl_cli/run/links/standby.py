@@ -171,20 +171,14 @@ class Redundancy:
             self._ramp.start()
         motors = self._ramp.next(self.active.inbox.command.motors)
         if switch is not None:
-            silent_s, step = switch.silent_ns * 1e-9, self._ramp.largest
-            self._keep(sim_ns, recorder, TakeoverReport(before.name, self.active.name, silent_s, step, sim_ns * 1e-9))
+            silent_s, name = switch.silent_ns * 1e-9, self.active.name
+            takeover = TakeoverReport(before.name, name, silent_s, self._ramp.largest, sim_ns * 1e-9)
+            recorder.write(sim_ns, takeover)
+            text = f"{name} takes over from {before.name}, silent for {silent_s:.2f} s"
+            recorder.log(sim_ns, WARNING, "run", text)
+            self.takeovers.append(takeover)
         speaks = time.monotonic_ns() - self.active.inbox.command_ns < SPEAKS_NS
         for number, agent in enumerate(self._agents):
             if agent is not self.active and agent.gone is None:
                 self._followers[number].update(sim_ns, self._view, speaks)
         return motors
-
-    def _keep(self, sim_ns: int, recorder: Recorder, takeover: TakeoverReport) -> None:
-        recorder.write(sim_ns, takeover)
-        recorder.log(
-            sim_ns,
-            WARNING,
-            "run",
-            f"{takeover.to_node} takes over from {takeover.from_node}, silent for {takeover.silent_s:.2f} s",
-        )
-        self.takeovers.append(takeover)

@@ -39,9 +39,9 @@ class AisLine:
 
     def __init__(self, profile: RunProfile) -> None:
         autopilot = profile.autopilot
-        given = autopilot.ais_link
+        url = autopilot.ais_link
         try:
-            self.transport: Transport = open_transport(given or LOCAL_LINE, listen=given is None)
+            self.transport: Transport = open_transport(url or LOCAL_LINE, listen=url is None)
         except TransportError as error:
             raise UserError(f"autopilot.ais_link: {error}") from None
 
@@ -105,8 +105,8 @@ class AisRecorder(RunNode):
 
 def ais_report(heard: AisTransmission) -> AisReport:
     """Return a transmission as a record."""
-    said = b"".join(sentence for payload in heard.payloads() for sentence in sentences(payload))
-    text, report = said.decode("ascii").replace("\r\n", "\n").strip(), heard.report
+    nmea = b"".join(sentence for payload in heard.payloads() for sentence in sentences(payload))
+    text, report = nmea.decode("ascii").replace("\r\n", "\n").strip(), heard.report
     if isinstance(report, AisStatic):
         return AisReport(report.mmsi, heard.ais_class, "static", text, name=report.name, callsign=report.callsign)
     return AisReport(
@@ -139,16 +139,14 @@ class AisNode(RunNode):
         self._rng = default_rng(Seeds(seed).sequence("ais radio"))
         self._heard = self._lost = self._out_of_range = 0
         self._transponders: dict[str, Transponder] = {}
-        vessels = {
-            one.vessel: (
-                one.ais,
-                ais_static(one.ais, one.vehicle.length_m, one.vehicle.width_m, one.vehicle.midship_frd_x_m),
-            )
-            for one in profiles
-        } | {
-            name: (one.ais, ais_static(one.ais, one.length_m, one.beam_m, draft_m=one.draft_m))
-            for name, one in lead.traffic.items()
-        }
+        vessels = {}
+        for profile in profiles:
+            model = profile.vehicle
+            static = ais_static(profile.ais, model.length_m, model.width_m, model.midship_frd_x_m)
+            vessels[profile.vessel] = (profile.ais, static)
+        for name, script in lead.traffic.items():
+            static = ais_static(script.ais, script.length_m, script.beam_m, draft_m=script.draft_m)
+            vessels[name] = (script.ais, static)
         for name, (spec, static) in vessels.items():
             if spec.transponder != "none":
                 first_s = float(default_rng(Seeds(seed, name).sequence("ais")).uniform(0.0, FIRST_S[spec.transponder]))
@@ -159,30 +157,27 @@ class AisNode(RunNode):
             return
         for name, transponder in self._transponders.items():
             for sent in transponder.due(step.now_ns, self._voices.said(name)):
-                self._spread(name, sent)
-
-    def _spread(self, sender: str, sent: AisTransmission) -> None:
-        for name, receive in self._receivers.items():
-            if name == sender:
-                continue
-            there = self._voices.said(name)
-            if there is not None and math.dist(there.pos_ne_m, sent.place_ne_m) > self._radio.range_m:
-                self._out_of_range += 1
-            elif self._radio.loss > 0.0 and self._rng.random() < self._radio.loss:
-                self._lost += 1
-            else:
-                self._heard += 1
-                receive(sent)
+                for receiver, receive in self._receivers.items():
+                    if receiver == name:
+                        continue
+                    there = self._voices.said(receiver)
+                    if there is not None and math.dist(there.pos_ne_m, sent.place_ne_m) > self._radio.range_m:
+                        self._out_of_range += 1
+                    elif self._radio.loss > 0.0 and self._rng.random() < self._radio.loss:
+                        self._lost += 1
+                    else:
+                        self._heard += 1
+                        receive(sent)
 
     def report(self) -> dict[str, Any]:
         """Return `ais`: the transmissions, and their outcome at each receiver."""
-        recorders = [one for one in self._receivers.values() if isinstance(one, AisRecorder)]
+        recorders = [receiver for receiver in self._receivers.values() if isinstance(receiver, AisRecorder)]
         return {
             "ais": {
-                "sent": {name: one.sent for name, one in self._transponders.items()},
+                "sent": {name: transponder.sent for name, transponder in self._transponders.items()},
                 "heard": self._heard,
                 "lost": self._lost,
                 "out_of_range": self._out_of_range,
-                "unsent_bytes": sum(one.unsent_bytes for one in recorders),
+                "unsent_bytes": sum(recorder.unsent_bytes for recorder in recorders),
             }
         }

@@ -206,14 +206,20 @@ class AutopilotNode(ControlNode):
 
     def exchange(self, step: RunStep) -> None:
         if self._lockstep:
+
+            def check_waiting() -> None:
+                if self._interrupted():
+                    raise StoppedWaitingError
+                self._supervision.check()
+
             agent = self.agents[0]
-            agent.wait_for_answer(step.now_ns, self._exchanges, self._supervision.silent_s(), self._check_waiting)
+            agent.wait_for_answer(step.now_ns, self._exchanges, self._supervision.silent_s(), check_waiting)
             self.command = agent.inbox.command
         else:
-            self._take_in(step.now_ns)
+            self._receive_all(step.now_ns)
         self.progress = self._progress()
 
-    def _take_in(self, now_ns: int) -> None:
+    def _receive_all(self, now_ns: int) -> None:
         """Real time: handle all messages that have arrived since the last exchange."""
         assert self._context is not None
         self._time_is_due = self._exchanges % self._sync_every == 0
@@ -236,11 +242,6 @@ class AutopilotNode(ControlNode):
         )
         for agent in self.agents:
             agent.inbox.fresh = False
-
-    def _check_waiting(self) -> None:
-        if self._interrupted():
-            raise StoppedWaitingError
-        self._supervision.check()
 
     def _progress(self) -> Progress:
         view, texts = self.view, self.active.inbox.view.texts

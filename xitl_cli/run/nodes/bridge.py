@@ -30,8 +30,7 @@ from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand, TaskTiming
-from xitl_cli.run.core.node import RunContext, RunNode, RunStep
-from xitl_cli.run.core.plugin_error import PluginNodeError
+from xitl_cli.run.core.node import PluginNodeError, RunContext, RunNode, RunStep
 from xitl_cli.run.launch.ardupilot import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.launch.px4 import Px4Launch
 from xitl_cli.run.links.agent_view import AgentView
@@ -103,7 +102,19 @@ def scheduler_record(log: Path) -> SchedulerRecord | None:
     try:
         with DataFlashLog(log) as opened:
             table = opened.tables.get("PM")
-            return None if table is None else _record(table)
+            if table is None:
+                return None
+            loops, long_loops = _column(table, first_of(table, _LOOPS)), _column(table, first_of(table, ("NLon",)))
+            longest, load = _column(table, first_of(table, ("MaxT",))), _column(table, first_of(table, ("Load",)))
+            return SchedulerRecord(
+                rows=len(table),
+                fields=tuple(name for name in table.columns if name != "TimeUS"),
+                loops=None if loops is None else int(loops.sum()),
+                long_loops=None if long_loops is None else int(long_loops.sum()),
+                max_us=None if longest is None else int(longest.max()),
+                load_mean_percent=None if load is None else float(load.mean()) / 10.0,
+                load_max_percent=None if load is None else float(load.max()) / 10.0,
+            )
     except LogError:
         return None
 
@@ -122,20 +133,6 @@ def drop_partial_record(log: Path) -> int:
     if health.truncated_bytes:
         os.truncate(log, health.size_bytes - health.truncated_bytes)
     return health.truncated_bytes
-
-
-def _record(table: Table) -> SchedulerRecord:
-    loops, long_loops = _column(table, first_of(table, _LOOPS)), _column(table, first_of(table, ("NLon",)))
-    longest, load = _column(table, first_of(table, ("MaxT",))), _column(table, first_of(table, ("Load",)))
-    return SchedulerRecord(
-        rows=len(table),
-        fields=tuple(name for name in table.columns if name != "TimeUS"),
-        loops=None if loops is None else int(loops.sum()),
-        long_loops=None if long_loops is None else int(long_loops.sum()),
-        max_us=None if longest is None else int(longest.max()),
-        load_mean_percent=None if load is None else float(load.mean()) / 10.0,
-        load_max_percent=None if load is None else float(load.max()) / 10.0,
-    )
 
 
 def _column(table: Table, name: str | None) -> NDArray[np.float64] | None:
@@ -190,13 +187,11 @@ class AutopilotReport:
             "log": self.log,
             "clock": None if self.real_clock is None else "real" if self.real_clock else "simulated",
             "utc_offset_s": self.utc_offset_s,
-            "scheduler": None if self.scheduler is None else _scheduler(self.scheduler),
+            "scheduler": (
+                None if self.scheduler is None else {**asdict(self.scheduler), "fields": list(self.scheduler.fields)}
+            ),
             "agent": {"cycles": sum(task.cycles for task in agent), "missed": sum(task.missed for task in agent)},
         }
-
-
-def _scheduler(record: SchedulerRecord) -> dict[str, Any]:
-    return {**asdict(record), "fields": list(record.fields)}
 
 
 BRIDGE = "Bridge: "
@@ -256,7 +251,7 @@ class BridgeNode(RunNode):
         self._exchanges = 0
         self._restarts: int | None = None
         self._text = ""
-        self._complaints: deque[str] = deque(maxlen=2)
+        self._bridge_problems: deque[str] = deque(maxlen=2)
         self._log: Path | None = None
         self._clock: AutopilotClock | None = None
 
@@ -283,7 +278,7 @@ class BridgeNode(RunNode):
             self.bridge.mavlink,
             autopilot.connect_timeout_s,
             autopilot.arm_timeout_s,
-            self._complained,
+            self._bridge_problems_text,
         )
 
     def begin(self, context: RunContext) -> None:
@@ -326,27 +321,28 @@ class BridgeNode(RunNode):
             self._version = version_text(message)
         elif number == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             self._vehicle = _vehicle(message.type)
-            self._problem = self._problem or self._other_make(message.autopilot)
+            kind, autopilot = self._profile.autopilot.kind, message.autopilot
+            if self._problem is None and autopilot != _MAKES.get(kind, autopilot):
+                make = {number: name for name, number in _MAKES.items()}.get(autopilot, "another one")
+                self._problem = f"the autopilot is {make} (MAV_AUTOPILOT {autopilot}), not {kind}"
         elif number == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._view is not None and self._view.texts:
-            text = self._view.texts[-1]
-            if text is not self._text:  # the same object means that the text is not complete yet
-                self._text = text
-                self._note(message.severity, text)
+            text, severity = self._view.texts[-1], message.severity
+            if text is self._text:  # the same object means that the text is not complete yet
+                return
+            self._text = text
+            if severity <= dialect.MAV_SEVERITY_CRITICAL and text.startswith(BRIDGE + FAILED):
+                self._failure = self._failure or text.removeprefix(BRIDGE + FAILED)
+            elif severity <= dialect.MAV_SEVERITY_ERROR and text.startswith(WRONG_VEHICLE):
+                self._problem = text.removeprefix(BRIDGE)
+            elif text.startswith(BRIDGE) and severity > dialect.MAV_SEVERITY_WARNING:
+                self._bridge_problems.clear()
+            elif text.startswith(BRIDGE) and text not in self._bridge_problems:
+                self._bridge_problems.append(text)
 
-    def _note(self, severity: int, text: str) -> None:
-        if severity <= dialect.MAV_SEVERITY_CRITICAL and text.startswith(BRIDGE + FAILED):
-            self._failure = self._failure or text.removeprefix(BRIDGE + FAILED)
-        elif severity <= dialect.MAV_SEVERITY_ERROR and text.startswith(WRONG_VEHICLE):
-            self._problem = text.removeprefix(BRIDGE)
-        elif text.startswith(BRIDGE) and severity > dialect.MAV_SEVERITY_WARNING:
-            self._complaints.clear()
-        elif text.startswith(BRIDGE) and text not in self._complaints:
-            self._complaints.append(text)
-
-    def _complained(self) -> str:
+    def _bridge_problems_text(self) -> str:
         """Return the bridge's latest problems that are not over, as the end of a sentence."""
-        said = "; ".join(text.removeprefix(BRIDGE) for text in self._complaints)
-        return f"; the bridge said: {said}" if said else ""
+        problems = "; ".join(text.removeprefix(BRIDGE) for text in self._bridge_problems)
+        return f"; the bridge reports: {problems}" if problems else ""
 
     def exchange(self, step: RunStep) -> None:
         sim_ns = step.now_ns
@@ -356,41 +352,28 @@ class BridgeNode(RunNode):
                 self._clock.update(sim_ns)
         if self._counts is None and sim_ns > NO_BRIDGE_NS:
             raise UserError(
-                "autopilot.link: the agent there is no bridge, it runs an autopilot of its own; start it with "
+                "autopilot.link: the agent at this address runs the embedded autopilot and is no bridge; start it with "
                 "--role bridge, or use autopilot.kind: embedded"
             )
-        self._check_restart(sim_ns)
+        if self.milestones.armed_s is not None and self._view is not None and self._profile.driver.kind == "mission":
+            restarts = 0 if self._counts is None else self._counts.restarts
+            if self._restarts is None:
+                self._restarts = restarts
+            elif restarts > self._restarts and not self._view.armed:  # no driver would arm it again
+                raise UserError(
+                    f"the autopilot restarted during the mission, before {sim_ns * 1e-9:.1f} s of simulation time, "
+                    "and is disarmed; find the reason in its power and its log, then run again"
+                )
         self._exchanges += 1
         if self._failure or self._problem is not None or self._exchanges % CHECK_EVERY == 0:
             self.check()
-
-    def _check_restart(self, sim_ns: int) -> None:
-        """Raise UserError when the autopilot restarted during a mission, because no driver would arm it again."""
-        if self.milestones.armed_s is None or self._view is None or self._profile.driver.kind != "mission":
-            return
-        restarts = 0 if self._counts is None else self._counts.restarts
-        if self._restarts is None:
-            self._restarts = restarts
-        elif restarts > self._restarts and not self._view.armed:
-            raise UserError(
-                f"the autopilot started anew in the mission, before {sim_ns * 1e-9:.1f} s of simulation time, "
-                "and is disarmed; look at its power and its log for why, then run again"
-            )
-
-    def _other_make(self, mav_autopilot: int) -> str | None:
-        wanted = self._profile.autopilot.kind
-        if mav_autopilot == _MAKES.get(wanted, mav_autopilot):
-            return None
-        names = {number: name for name, number in _MAKES.items()}
-        name = names.get(mav_autopilot, "another one")
-        return f"the autopilot is {name} (MAV_AUTOPILOT {mav_autopilot}), not {wanted}"
 
     def check(self) -> None:
         """Raise UserError when the bridge of a package has failed, or the autopilot has ended or is the wrong kind."""
         if self._failure:
             raise PluginNodeError(f"autopilot.bridge.sensors: {self._failure}")
         if self._problem is not None:
-            raise UserError(f"{self._problem}; use the firmware of one, or another autopilot.bridge.mavlink")
+            raise UserError(f"{self._problem}; use a matching firmware, or another autopilot.bridge.mavlink")
         if self._process is None:
             return
         try:
@@ -405,7 +388,7 @@ class BridgeNode(RunNode):
     def _with_build(self, error: UserError) -> UserError:
         """Add a hint on the build to the error of an autopilot that ended before its first heartbeat."""
         build = self._profile.autopilot.firmware_build
-        return UserError(f"{error}, and see that it is a {build} build, as autopilot.firmware_build says")
+        return UserError(f"{error}, and check that it is a {build} build, as in autopilot.firmware_build")
 
     def silent_s(self) -> float:
         """Return the longest silence in lockstep.
@@ -419,14 +402,14 @@ class BridgeNode(RunNode):
         """Return the error for an autopilot that has been silent for too long."""
         if self._process is None and self.bridge.world is not None and not self._heard:
             return UserError(
-                f"{self.bridge.world}: no autopilot asked for the world there in {seconds:.0f} s; start one elsewhere "
+                f"{self.bridge.world}: no autopilot connected within {seconds:.0f} s; start one "
                 "with --model JSON:HOST, where HOST is the machine of the bridge, or use autopilot.firmware: find"
             )
-        said = self._complained()
-        stopped = f"stopped and was silent for {seconds:.3g} s, at {sim_s:.2f} s of simulation time; look at"
+        problems = self._bridge_problems_text()
+        stopped = f"stopped and was silent for {seconds:.3g} s, at {sim_s:.2f} s of simulation time; check"
         if self._process is not None:
-            return UserError(f"{self._process.program.name} {stopped} {self._process.directory / CONSOLE}{said}")
-        return UserError(f"{self.bridge.mavlink}: the autopilot {stopped} its power, its cables and its log{said}")
+            return UserError(f"{self._process.program.name} {stopped} {self._process.directory / CONSOLE}{problems}")
+        return UserError(f"{self.bridge.mavlink}: the autopilot {stopped} its power, its cables and its log{problems}")
 
     # After the run
 
@@ -435,8 +418,16 @@ class BridgeNode(RunNode):
         if self._launch is None:
             return
         if self._process is not None and self._directory is not None:
+
+            def serve(seconds: float) -> None:
+                """Let the agent continue the autopilot's time, without which the autopilot does not end."""
+                if self._agent is not None and self._agent.is_open:
+                    self._agent.receive(seconds)
+                else:
+                    time.sleep(seconds)
+
             if self._profile.clock.mode == "lockstep":
-                self._process.stop(LOCKSTEP_STOP_S, self._serve)
+                self._process.stop(LOCKSTEP_STOP_S, serve)
             else:
                 self._process.stop()
             log = newest_log(self._process.directory, self._launch.log_suffix)
@@ -446,13 +437,6 @@ class BridgeNode(RunNode):
                     drop_partial_record(self._log)
             self._process = None
         self._launch.end()
-
-    def _serve(self, seconds: float) -> None:
-        """Let the agent continue the autopilot's time. The autopilot needs it to notice that it has to end."""
-        if self._agent is not None and self._agent.is_open:
-            self._agent.receive(seconds)
-        else:
-            time.sleep(seconds)
 
     def close(self) -> None:
         self.end()

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from agent.wire import dialect
+from agent.wire.codec import Message
+from agent.wire.dialect import MAV_SEVERITY_INFO as INFO
+from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from sim_core.geodesy import LocalFrame
 from sim_core.vessel.floating import floating_pose
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.topics import MotionEstimate
+from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import (
-    WARNING,
     AgentConnection,
     StoppedWaitingError,
     companion_terms,
@@ -89,7 +91,8 @@ class CompanionInbox(AgentInbox):
     def __init__(
         self, frame: LocalFrame, lockstep: bool, on_message: Callable[[Any], object] = lambda message: None
     ) -> None:
-        super().__init__(COMPANION_LINK, frame, 0, lockstep, _pass_over, on_message)
+        # A companion has no estimate of the autopilot's kind.
+        super().__init__(COMPANION_LINK, frame, 0, lockstep, lambda stamp_ns, estimate: None, on_message)
         self.holds = False
         self.warnings: list[str] = []
         self._handlers[_TICK] = lambda message: None
@@ -126,19 +129,19 @@ class CompanionInbox(AgentInbox):
     def release(self, tick: int) -> None:
         """Handle all messages up to the answer to `tick`."""
         while self._messages[0].tick >= 0 and self._messages[0].tick <= tick:
-            self._take_in(self._frames.popleft(), self._messages.popleft())
+            self._handle_batch(self._frames.popleft(), self._messages.popleft())
 
     def release_all(self) -> None:
         """Stop holding messages, and handle the remaining ones."""
         self.holds = False
-        for frames, said in zip(self._frames, self._messages, strict=True):
-            self._take_in(frames, said)
+        for frames, messages in zip(self._frames, self._messages, strict=True):
+            self._handle_batch(frames, messages)
         self._frames, self._messages = deque([_Batch()]), deque([_Batch()])
 
-    def _take_in(self, frames: _Batch, said: _Batch) -> None:
+    def _handle_batch(self, frames: _Batch, messages: _Batch) -> None:
         for frame in frames.frames:
             self._keep("rx", frame)
-        super().handle(said.messages)
+        super().handle(messages.messages)
 
     def _keep(self, direction: str, frame: bytes) -> None:
         number = _id_of(frame)
@@ -151,10 +154,6 @@ class CompanionInbox(AgentInbox):
 
 def _id_of(frame: bytes) -> int:
     return frame[7] | frame[8] << 8 | frame[9] << 16
-
-
-def _pass_over(stamp_ns: int | None, estimate: MotionEstimate) -> None:
-    """Ignore the estimate. A companion has no estimate of the autopilot's kind."""
 
 
 REPEAT_S = 0.5
@@ -318,7 +317,7 @@ class CompanionNode(RunNode):
     def _give_up(self, why: UserError) -> None:
         self.agent.gone = why
         self.gone_s = self._now_ns() * 1e-9
-        self.inbox.say(WARNING, "run", f"the run goes on without its companion: {why}")
+        self.inbox.say(WARNING, "run", f"the run continues without its companion: {why}")
 
     def _heard(self, message: Any) -> None:
         self.heard.publish(message)
@@ -343,3 +342,61 @@ class CompanionNode(RunNode):
             **connections_report([self.agent]),
             "companion": {"gone_s": self.gone_s, "warnings": list(self.inbox.warnings)},
         }
+
+
+SOURCE = "perception"
+
+
+class PerceptionInstrument(Protocol):
+    """A sensor of the companion. address: where other programs may connect to it, or None."""
+
+    @property
+    def address(self) -> str | None: ...
+
+    def begin(self, recorder: PerceptionRecorder) -> None:
+        """Start the run and record the measurements with `recorder`."""
+
+    def update(self, step: RunStep) -> list[Message]:
+        """Return the messages that are due after a physics step."""
+
+    def report(self) -> dict[str, Any]:
+        """Return the instrument's part of the summary."""
+
+    def close(self) -> None:
+        """Release the instrument's resources."""
+
+
+class PerceptionNode(RunNode):
+    """Instruments by name. `send`: sends to the companion. `warnings`: returns problems of the world at the start."""
+
+    def __init__(
+        self,
+        instruments: Mapping[str, PerceptionInstrument],
+        send: Callable[[Sequence[Message]], None],
+        warnings: Callable[[], Sequence[str]] = tuple,
+    ) -> None:
+        self._instruments = instruments
+        self._send = send
+        self._warnings = warnings
+
+    def begin(self, context: RunContext) -> None:
+        recorder = context.recorder
+        for text in self._warnings():
+            recorder.log(0, WARNING, SOURCE, text)
+        for name, instrument in self._instruments.items():
+            if instrument.address is not None:
+                recorder.log(0, INFO, SOURCE, f"{name} answers its own protocol at {instrument.address}")
+            instrument.begin(recorder.perception)
+
+    def sense(self, step: RunStep) -> None:
+        for instrument in self._instruments.values():
+            messages = instrument.update(step)
+            if messages:
+                self._send(messages)
+
+    def report(self) -> dict[str, Any]:
+        return {"perception": {name: instrument.report() for name, instrument in self._instruments.items()}}
+
+    def close(self) -> None:
+        for instrument in self._instruments.values():
+            instrument.close()

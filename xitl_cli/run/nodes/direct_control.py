@@ -47,8 +47,8 @@ class IdealControl(ControlNode):
         self.command = MotorCommand(self._allocator.neutral, armed=True)
         site = profile.site
         items = [
-            MissionItem(one.command, one.lat_deg, one.lon_deg, one.alt_m, one.parameters, one.frame)
-            for one in mission_items(profile, local_frame(site))
+            MissionItem(item.command, item.lat_deg, item.lon_deg, item.alt_m, item.parameters, item.frame)
+            for item in mission_items(profile, local_frame(site))
         ]
         self._mission = MissionProgress(make_mission(items), parameters["WP_SPEED"])
         self._course = tuple(profile.mission.course)
@@ -106,7 +106,13 @@ class DirectController:
     def __init__(self, profile: RunProfile, parameters: Parameters, commands: int) -> None:
         self._name = profile.autopilot.controller
         self._commands = commands
-        self._guard = ControllerGuard(_chosen_controller(profile), parameters, EventQueue())
+        make: MakeController = HeadingSpeedController
+        if profile.autopilot.controller is not None:
+            try:
+                make = load_controller(profile.autopilot.controller)
+            except ControllerError as error:
+                raise UserError(f"autopilot.controller: {error}") from error
+        self._guard = ControllerGuard(make, parameters, EventQueue())
         self._check("when it was made")
 
     def restart(self) -> None:
@@ -125,16 +131,6 @@ class DirectController:
             raise UserError(
                 f"autopilot.controller: {self._name} failed {when} ({self._guard.latest}); correct its code"
             )
-
-
-def _chosen_controller(profile: RunProfile) -> MakeController:
-    """Return the controller that the profile names, otherwise the autopilot's."""
-    if profile.autopilot.controller is None:
-        return HeadingSpeedController
-    try:
-        return load_controller(profile.autopilot.controller)
-    except ControllerError as error:
-        raise UserError(f"autopilot.controller: {error}") from error
 
 
 def true_estimate(sim_ns: int, motion: Kinematics) -> StateEstimate:

@@ -195,17 +195,20 @@ class LiveDisplay:
         factor = 0.0
         if self._last is not None and now_s > self._last[0]:
             factor = (sim_s - self._last[1].sim_s) / (now_s - self._last[0])
-        reached, total = (sum(getattr(one, f"waypoints_{key}") for one in statuses) for key in ("reached", "total"))
+        reached = sum(status.waypoints_reached for status in statuses)
+        total = sum(status.waypoints_total for status in statuses)
         shown = worst_first(statuses, max(self._live.console.height - FLEET_FRAME, 3))
         rows = Table.grid(padding=(0, 2))
         for number in range(len(FLEET_HEADS)):
             rows.add_column(justify="right" if number > 1 else "left", no_wrap=True)
         rows.add_row(*(Text(head, style="dim") for head in FLEET_HEADS))
-        for one in shown:
-            rows.add_row(*(Text(cell) for cell in fleet_cells(one)))
-        left = [Text(f"and {len(statuses) - len(shown)} more", style="dim")] if len(shown) < len(statuses) else []
-        said = [Text(f"{one.vessel}: {one.messages[-1]}", style="dim") for one in shown[:2] if one.messages]
-        content = Group(_progress(reached, total, sim_s, factor), rows, *left, *said)
+        for status in shown:
+            rows.add_row(*(Text(cell) for cell in fleet_cells(status)))
+        hidden = [Text(f"and {len(statuses) - len(shown)} more", style="dim")] if len(shown) < len(statuses) else []
+        messages = [
+            Text(f"{status.vessel}: {status.messages[-1]}", style="dim") for status in shown[:2] if status.messages
+        ]
+        content = Group(_progress(reached, total, sim_s, factor), rows, *hidden, *messages)
         return Panel(content, title=Text(self._title), title_align="left", border_style="cyan")
 
 
@@ -228,15 +231,16 @@ def fleet_cells(status: RunStatus) -> tuple[str, ...]:
 
 def fleet_line(statuses: Sequence[RunStatus]) -> str:
     """Summarize a fleet in one line: vessels per mode, waypoints, and the vessel with the largest cross-track error."""
-    modes = Counter(f"waits for {one.waits_for}" if one.waits_for else _mode(one) for one in statuses)
-    reached, total = (sum(getattr(one, f"waypoints_{key}") for one in statuses) for key in ("reached", "total"))
-    off = [one for one in statuses if one.cross_track_m is not None]
+    modes = Counter(f"waits for {vessel.waits_for}" if vessel.waits_for else _mode(vessel) for vessel in statuses)
+    reached = sum(vessel.waypoints_reached for vessel in statuses)
+    total = sum(vessel.waypoints_total for vessel in statuses)
+    off = [vessel for vessel in statuses if vessel.cross_track_m is not None]
     words = [", ".join(f"{count} {mode}" for mode, count in modes.most_common()), f"waypoints {reached}/{total}"]
     if off:
-        worst = max(off, key=lambda one: abs(one.cross_track_m or 0.0))
+        worst = max(off, key=lambda vessel: abs(vessel.cross_track_m or 0.0))
         words.append(f"cross-track up to {_metres(abs(worst.cross_track_m or 0.0))} ({worst.vessel})")
-    words.append(f"lost {sum(one.lost for one in statuses)}  missed {sum(one.missed for one in statuses)}")
-    words += [f"fault {', '.join(one.faults)} ({one.vessel})" for one in statuses if one.faults]
+    words.append(f"lost {sum(vessel.lost for vessel in statuses)}  missed {sum(vessel.missed for vessel in statuses)}")
+    words += [f"fault {', '.join(vessel.faults)} ({vessel.vessel})" for vessel in statuses if vessel.faults]
     return "  ".join(words)
 
 
@@ -247,7 +251,7 @@ def worst_first(statuses: Sequence[RunStatus], count: int) -> list[RunStatus]:
     """
     if len(statuses) <= count:
         return list(statuses)
-    return sorted(statuses, key=lambda one: -abs(one.cross_track_m or 0.0))[:count]
+    return sorted(statuses, key=lambda vessel: -abs(vessel.cross_track_m or 0.0))[:count]
 
 
 def _progress(reached: int, total: int, sim_s: float, factor: float) -> Table:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -262,7 +263,14 @@ class ScriptDriver(VehicleDriver):
     ) -> None:
         self._commands = commands
         self._steps = steps
-        self._targets = [_place(frame, step.goto_ned_m) for step in steps]
+        self._targets: list[tuple[float, float, float] | None] = []
+        """Latitude, longitude and altitude of each step's target."""
+        for step in steps:
+            target = None
+            if step.goto_ned_m is not None:
+                lat, lon, alt = frame.geodetic(np.array([[*step.goto_ned_m, 0.0]]))
+                target = float(lat[0]), float(lon[0]), float(alt[0])
+            self._targets.append(target)
         self._course = course
         self._number = -1
         self._now_ns = -1
@@ -278,13 +286,16 @@ class ScriptDriver(VehicleDriver):
             self._begin(self._number + 1)
         if self._number < 0:
             return
-        step = self._steps[self._number]
+        step, target, view = self._steps[self._number], self._targets[self._number], self._commands.view
         if step.mode is not None and not self._mode_set:
             self._mode_set = self._commands.set_mode(sim_ns, step.mode)
         if step.arm is not None and self._mode_set and not self._armed:
             self._armed = self._commands.arm(sim_ns, step.arm)
-        if self._mode_set and self._armed:
-            self._go_to(sim_ns)
+        if self._mode_set and self._armed and target is not None and _is_due(self._target_ns, REPEAT_S, sim_ns):
+            # A target has no answer, so it is repeated while the vehicle is in GUIDED.
+            if self._target_ns is None or view.mode == shown_mode("GUIDED", view.px4):
+                self._commands.go_to(sim_ns, *target)
+            self._target_ns = sim_ns
         if self._pulses is not None and _is_due(self._pulses_ns, RC_INTERVAL_S, sim_ns):
             self._commands.rc(self._pulses)
             self._pulses_ns = sim_ns
@@ -317,34 +328,14 @@ class ScriptDriver(VehicleDriver):
         self._mode_set, self._armed = step.mode is None, step.arm is None
         self._target_ns = None
         if step.rc_us is not None:
-            self._pulses = _laid_over(self._pulses or (), step.rc_us)
+            # A channel without a new pulse keeps its former one.
+            channels = zip_longest(self._pulses or (), step.rc_us)
+            self._pulses = tuple(former if pulse is None else pulse for former, pulse in channels)
             self._pulses_ns = None
-
-    def _go_to(self, sim_ns: int) -> None:
-        """Repeat the target, which has no answer, during the step while the vehicle is in GUIDED."""
-        target = self._targets[self._number]
-        if target is None or not _is_due(self._target_ns, REPEAT_S, sim_ns):
-            return
-        if self._target_ns is None or self._commands.view.mode == shown_mode("GUIDED", self._commands.view.px4):
-            self._commands.go_to(sim_ns, *target)
-        self._target_ns = sim_ns
-
-
-def _laid_over(before: Sequence[int | None], pulses: Sequence[int | None]) -> tuple[int | None, ...]:
-    count = max(len(before), len(pulses))
-    old, new = ([*values, *[None] * (count - len(values))] for values in (before, pulses))
-    return tuple(o if n is None else n for o, n in zip(old, new, strict=True))
 
 
 def _is_due(last_ns: int | None, every_s: float, now_ns: int) -> bool:
     return last_ns is None or now_ns - last_ns >= every_s * 1e9
-
-
-def _place(frame: LocalFrame, goto_ned_m: tuple[float, float] | None) -> tuple[float, float, float] | None:
-    if goto_ned_m is None:
-        return None
-    lat, lon, alt = frame.geodetic(np.array([[*goto_ned_m, 0.0]]))
-    return float(lat[0]), float(lon[0]), float(alt[0])
 
 
 DOWNLOAD_S = 10.0  # a download that takes longer is given up without a message
@@ -393,14 +384,32 @@ class GroundStationDriver(VehicleDriver):
     def handle(self, message: Any) -> None:
         was_done = self._download.done
         self._commands.send_all(self._download.handle(message, self._now_ns))
-        if self._download.done and not was_done:
-            self._adopt()
+        if not self._download.done or was_done:
+            return
+        # Judge by the mission that was downloaded, and forget the reached items of another mission.
+        items = [item for item in self._download.items if item.seq > 0 and item.command == dialect.MAV_CMD_NAV_WAYPOINT]
+        alt_m = np.full(len(items), self._frame.altitude_m)
+        lat = np.array([item.x * 1e-7 for item in items], dtype=float)
+        lon = np.array([item.y * 1e-7 for item in items], dtype=float)
+        ned = self._frame.ned(lat, lon, alt_m) if items else np.empty((0, 3))
+        places = tuple((north, east) for north, east, _ in ned.tolist())
+        if self._places is not None and places != self._places:
+            self._view.reached_seqs.clear()
+        self._seqs, self._places = tuple(item.seq for item in items), places
 
     def progress(self) -> Progress:
         reached, total = self._reached(), len(self._seqs)
         target = self._seqs.index(self._view.target_seq) if self._view.target_seq in self._seqs else None
         over = self._is_over()
         left = self._over_ns is not None and self._now_ns - self._over_ns >= FAREWELL_S * 1e9
+        waits_for = ""
+        if not self._was_armed:
+            # The autopilot sends to `udp://127.0.0.1:14550` and listens at `tcp://0.0.0.0:5760`.
+            addresses = ", ".join(
+                address.replace("udp://", "sends to UDP ").replace("tcp://", "listens at TCP ")
+                for address in self._addresses
+            )
+            waits_for = f"a ground station to arm the vessel ({addresses or 'at the board'})"
         return Progress(
             "",
             target=target if self._was_auto and not over else None,
@@ -408,7 +417,7 @@ class GroundStationDriver(VehicleDriver):
             finished=over and left and not self._stay,
             completed=0 < total == reached,
             waypoints=self._places if self._places is not None else (),
-            waits_for="" if self._was_armed else self._waits_for(),
+            waits_for=waits_for,
         )
 
     def report(self) -> dict[str, Any]:
@@ -425,32 +434,6 @@ class GroundStationDriver(VehicleDriver):
 
     def _reached(self) -> int:
         return sum(seq in self._view.reached_seqs for seq in self._seqs)
-
-    def _adopt(self) -> None:
-        """Judge by the mission that was downloaded, and forget the reached items of another mission."""
-        items = [item for item in self._download.items if item.seq > 0 and item.command == dialect.MAV_CMD_NAV_WAYPOINT]
-        seqs = tuple(item.seq for item in items)
-        alt_m = np.full(len(items), self._frame.altitude_m)
-        lat = np.array([item.x * 1e-7 for item in items], dtype=float)
-        lon = np.array([item.y * 1e-7 for item in items], dtype=float)
-        ned = self._frame.ned(lat, lon, alt_m) if items else np.empty((0, 3))
-        places = tuple((north, east) for north, east, _ in ned.tolist())
-        if self._places is not None and places != self._places:
-            self._view.reached_seqs.clear()
-        self._seqs, self._places = seqs, places
-
-    def _waits_for(self) -> str:
-        where = ", ".join(_said(address) for address in self._addresses)
-        return f"a ground station to arm the vessel ({where or 'at the board'})"
-
-
-def _said(address: str) -> str:
-    """Describe an address for the user.
-
-    The autopilot sends to `udp://127.0.0.1:14550` and listens at `tcp://0.0.0.0:5760`.
-    """
-    scheme, _, place = address.partition("://")
-    return f"sends to UDP {place}" if scheme == "udp" else f"listens at TCP {place}"
 
 
 class RosDriver(VehicleDriver):
@@ -499,44 +482,40 @@ class RosDriver(VehicleDriver):
         return replace(self._mission.progress(), waits_for=waits_for, finished=self._ended, completed=completed)
 
 
-def _mission(context: DriverContext) -> VehicleDriver:
-    arm_s = context.profile.autopilot.arm_timeout_s
-    return MissionDriver(context.commands, _course(context), arm_s, context.others)
-
-
-def _ground_station(context: DriverContext) -> VehicleDriver:
-    stay = context.profile.driver.stay
-    return GroundStationDriver(context.commands, context.frame, context.ground_stations, stay)
-
-
-def _ros(context: DriverContext) -> VehicleDriver:
-    arms, arm_s = context.profile.driver.arms, context.profile.autopilot.arm_timeout_s
-    return RosDriver(context.commands, context.frame, arms, arm_s, context.others)
-
-
-def _script(context: DriverContext) -> VehicleDriver:
-    return ScriptDriver(context.commands, context.frame, context.profile.driver.script, _course(context))
-
-
-def _replay(context: DriverContext) -> VehicleDriver:
-    """Raises UserError when the driver's file cannot be played."""
-    profile = context.profile
-    schedule, channels = schedule_from_file(profile), profile.driver.replay.rc_channels
-    return ReplayDriver(context.commands, schedule, channels, profile.autopilot.arm_timeout_s, context.others)
-
-
-def _none(context: DriverContext) -> VehicleDriver:
-    return NoDriver(context.commands, _course(context))
-
-
 def _course(context: DriverContext) -> Course:
     mission = context.profile.mission
     return Course(tuple(mission.course), mission.jumps)
 
 
-MISSION = DriverKind(_mission)
-GROUND_STATION = DriverKind(_ground_station)
-ROS = DriverKind(_ros)
-SCRIPT = DriverKind(_script)
-REPLAY = DriverKind(_replay)
-NONE = DriverKind(_none)
+MISSION = DriverKind(
+    lambda context: MissionDriver(
+        context.commands, _course(context), context.profile.autopilot.arm_timeout_s, context.others
+    )
+)
+GROUND_STATION = DriverKind(
+    lambda context: GroundStationDriver(
+        context.commands, context.frame, context.ground_stations, context.profile.driver.stay
+    )
+)
+ROS = DriverKind(
+    lambda context: RosDriver(
+        context.commands,
+        context.frame,
+        context.profile.driver.arms,
+        context.profile.autopilot.arm_timeout_s,
+        context.others,
+    )
+)
+SCRIPT = DriverKind(
+    lambda context: ScriptDriver(context.commands, context.frame, context.profile.driver.script, _course(context))
+)
+REPLAY = DriverKind(
+    lambda context: ReplayDriver(
+        context.commands,
+        schedule_from_file(context.profile),
+        context.profile.driver.replay.rc_channels,
+        context.profile.autopilot.arm_timeout_s,
+        context.others,
+    )
+)
+NONE = DriverKind(lambda context: NoDriver(context.commands, _course(context)))

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from sim_core.fleet import Fleet, FleetState, joined_motion
-from sim_core.frames import Array
-from sim_core.world.contact import Outline
 from xitl_cli.record.topics import EncounterState
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.traffic.encounter_watch import ClosestApproach, EncounterWatch, HullPlans, PairState
@@ -27,9 +25,10 @@ class EncounterNode(RunNode):
         self._every = max(round(physics_rate_hz / WATCH_HZ), 1)
         own, scripted = len(fleet.names), len(fleet.traffic)
         self._order = np.concatenate([np.argsort(np.concatenate(fleet.members)), own + np.arange(scripted)])
-        outlines = [*(fleet.of(number).outline for number in range(own)), *(one.outline for one in fleet.traffic)]
-        names = [*fleet.names, *(one.name for one in fleet.traffic)]
-        self._watch = EncounterWatch(names, HullPlans.from_capsules(list(map(_plan, outlines))), too_close_m)
+        outlines = [fleet.of(number).outline for number in range(own)] + [vessel.outline for vessel in fleet.traffic]
+        names = [*fleet.names, *(vessel.name for vessel in fleet.traffic)]
+        plans = [(outline.ends_frd_m[:, :2].reshape(-1, 2, 2), outline.radius_m) for outline in outlines]
+        self._watch = EncounterWatch(names, HullPlans.from_capsules(plans), too_close_m)
         self._too_close_m = too_close_m
         self._told_s: dict[int, float] = {}
 
@@ -52,21 +51,36 @@ class EncounterNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         """Return `encounters`: see docs/fleets.md."""
-        found = self._watch.approaches()
-        nearest = min(found, key=lambda one: one.hull_distance_m, default=None)
+        approaches = self._watch.approaches()
+        nearest = min(approaches, key=lambda approach: approach.hull_distance_m, default=None)
+        pairs = []
+        for approach in approaches:
+            geometry = approach.geometry
+            pairs.append(
+                {
+                    "vessels": [approach.first, approach.second],
+                    "distance_m": approach.hull_distance_m,
+                    "at_s": approach.hull_at_s,
+                    "centre_distance_m": approach.distance_m,
+                    "centre_at_s": approach.at_s,
+                    "too_close": approach.too_close,
+                    "rule": None if geometry is None else geometry.rule,
+                    "geometry": None if geometry is None else geometry.geometry,
+                    "gives_way": list(approach.gives_way),
+                    "stands_on": approach.stands_on,
+                    "bearings_deg": None if geometry is None else list(geometry.bearings_deg),
+                    "detected_s": approach.detected_s,
+                }
+            )
         return {
             "encounters": {
                 "encounter_distance_m": self._too_close_m,
                 "closest_m": None if nearest is None else nearest.hull_distance_m,
                 "closest": None if nearest is None else [nearest.first, nearest.second],
-                "too_close": sum(one.too_close for one in found),
-                "pairs": [_section(one) for one in found],
+                "too_close": sum(approach.too_close for approach in approaches),
+                "pairs": pairs,
             }
         }
-
-
-def _plan(outline: Outline) -> tuple[Array, Array]:
-    return outline.ends_frd_m[:, :2].reshape(-1, 2, 2), outline.radius_m
 
 
 def _record(pair: PairState, approach: ClosestApproach) -> EncounterState:
@@ -85,21 +99,3 @@ def _record(pair: PairState, approach: ClosestApproach) -> EncounterState:
         predicted_s=pair.predicted_s,
         hull_closest_m=approach.hull_distance_m,
     )
-
-
-def _section(one: ClosestApproach) -> dict[str, Any]:
-    geometry = one.geometry
-    return {
-        "vessels": [one.first, one.second],
-        "distance_m": one.hull_distance_m,
-        "at_s": one.hull_at_s,
-        "centre_distance_m": one.distance_m,
-        "centre_at_s": one.at_s,
-        "too_close": one.too_close,
-        "rule": None if geometry is None else geometry.rule,
-        "geometry": None if geometry is None else geometry.geometry,
-        "gives_way": list(one.gives_way),
-        "stands_on": one.stands_on,
-        "bearings_deg": None if geometry is None else list(geometry.bearings_deg),
-        "detected_s": one.detected_s,
-    }

@@ -1,15 +1,17 @@
-"""Fault injection on links, agents and the vessel, by the schedule of the profile."""
+"""Fault injection on links, agents, actuators and battery, by the schedule of the profile."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from sim_core.frames import Array
+from sim_core.vessel.condition import ActuatorFault, BatteryFault, Condition, make_condition
+from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
-from xitl_cli.run.core.vessel_faults import VesselFaults
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.world.plant import PlantView
 
@@ -68,3 +70,44 @@ class FaultInjection(RunNode):
         for agent in self._autopilots:
             self.schedule.count_impaired(*agent.impaired, agent.name)
         return {"faults": self.schedule.reports(self._sample_faults())}
+
+
+class VesselFaults:
+    """The condition of one vessel under the active faults.
+
+    A stuck actuator keeps the value that it had when its fault began.
+    """
+
+    def __init__(self, model: VesselSpec) -> None:
+        self._model = model
+        self._kept: dict[tuple[str, str], float] = {}
+
+    def condition(self, faults: Mapping[str, FaultSpec], rotor: Array) -> Condition | None:
+        """Return the condition for the active faults, by name, and the (C,) actuators now; None without a fault."""
+        self._kept = {key: value for key, value in self._kept.items() if key[0] in faults}
+        actuators: list[ActuatorFault] = []
+        batteries: list[BatteryFault] = []
+        for name, fault in faults.items():
+            if fault.propeller is not None:
+                propeller = fault.propeller
+                actuator = self._model.actuator_named(propeller.which) or propeller.which
+                held_at = propeller.stuck_at
+                if held_at is None and propeller.stuck:
+                    held_at = self._keep(name, actuator, rotor)
+                actuators.append(ActuatorFault(actuator, propeller.thrust_loss, held_at, propeller.reversed))
+            if fault.rudder is not None:
+                actuator, angle_deg = fault.rudder.which or self._model.steering_names[0], fault.rudder.jam_angle_deg
+                if angle_deg is None:
+                    held_at = self._keep(name, actuator, rotor)
+                else:
+                    held_at = angle_deg / self._model.full_angle_deg(actuator)
+                actuators.append(ActuatorFault(actuator, held_at=held_at))
+            if fault.battery is not None:
+                battery = fault.battery
+                batteries.append(
+                    BatteryFault(battery.added_resistance_ohm, battery.failed_cells, battery.voltage_drop_v)
+                )
+        return make_condition(self._model, actuators, batteries)
+
+    def _keep(self, name: str, actuator: str, rotor: Array) -> float:
+        return self._kept.setdefault((name, actuator), float(rotor[self._model.command_names.index(actuator)]))

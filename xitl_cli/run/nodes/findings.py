@@ -206,10 +206,11 @@ class FindingsNode(RunNode):
         if after in (0, len(recent)):
             _, place, quat = recent[min(after, len(recent) - 1)]
             return place, quat
-        (start_ns, one, before), (end_ns, other, behind) = recent[after - 1], recent[after]
+        (start_ns, start, start_quat), (end_ns, end, end_quat) = recent[after - 1], recent[after]
         share = (stamp_ns - start_ns) / (end_ns - start_ns)
-        turned = behind if float(before @ behind) >= 0.0 else -behind
-        return one + share * (other - one), frames.quat_normalize(before + share * (turned - before))
+        if float(start_quat @ end_quat) < 0.0:  # the shorter way
+            end_quat = -end_quat
+        return start + share * (end - start), frames.quat_normalize(start_quat + share * (end_quat - start_quat))
 
     def _on_cloud(self, message: Any) -> None:
         assert self._recorder is not None

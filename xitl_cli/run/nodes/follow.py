@@ -72,11 +72,23 @@ class FollowDriver(VehicleDriver):
         if not under_way or (self._asked_ns is not None and sim_ns - self._asked_ns < round(1e9 / RATE_HZ)):
             return
         self._asked_ns = sim_ns
-        said, place = self._voices.said(self._vessel), self._track.place(sim_ns)
-        if said is None or place is None or report is None:
+        own_report, place = self._voices.said(self._vessel), self._track.place(sim_ns)
+        if own_report is None or place is None or report is None:
             return
-        own = said.carried_on(sim_ns)
-        self._look_for_leader(sim_ns, (sim_ns - report.at_ns) * 1e-9)
+        own = own_report.carried_on(sim_ns)
+        lost = (sim_ns - report.at_ns) * 1e-9 > self._spec.lost_s
+        if lost and not self._is_lost:
+            self._lost.append(sim_ns * 1e-9)
+            self._place = None
+            text = (
+                f"leader lost: no report of {self._spec.vessel} for {self._spec.lost_s:g} s; keeping the place behind "
+                "its last position"
+            )
+            self._say(sim_ns, WARNING, text)
+        elif self._is_lost and not lost:
+            self._place = None
+            self._say(sim_ns, NOTICE, f"leader heard again: {self._spec.vessel}")
+        self._is_lost = lost
         off_m = math.dist(place.pos_ne_m, own.pos_ne_m)
         if self._is_lost:
             self._keep(sim_ns, self._place or place.pos_ne_m)
@@ -93,21 +105,6 @@ class FollowDriver(VehicleDriver):
             self._law.rest()
             moved = self._place is None or math.dist(place.pos_ne_m, self._place) > MOVED_M
             self._keep(sim_ns, place.pos_ne_m if moved or self._place is None else self._place)
-
-    def _look_for_leader(self, sim_ns: int, silent_s: float) -> None:
-        lost = silent_s > self._spec.lost_s
-        if lost and not self._is_lost:
-            self._lost.append(sim_ns * 1e-9)
-            self._place = None
-            text = (
-                f"leader lost: {self._spec.vessel} has said nothing for {self._spec.lost_s:g} s; keeping the place "
-                "behind where it was heard last"
-            )
-            self._say(sim_ns, WARNING, text)
-        elif self._is_lost and not lost:
-            self._place = None
-            self._say(sim_ns, NOTICE, f"leader heard again: {self._spec.vessel}")
-        self._is_lost = lost
 
     def _keep(self, sim_ns: int, place: Point) -> None:
         """Go to a place and stay. Send a new place at once, and repeat it once a second."""
@@ -131,9 +128,15 @@ class FollowDriver(VehicleDriver):
         errors: dict[str, float | None] = dict.fromkeys(STATION_ERRORS)
         if self._off_m:
             off, behind, beside = np.array(self._off_m).T
-            found = (np.sqrt(np.mean(off * off)), *np.percentile(off, (50, 95)), off.max())
-            found = (*found, max(behind.max(), 0.0), max(-behind.min(), 0.0), np.percentile(beside, 95))
-            errors = {name: float(value) for name, value in zip(STATION_ERRORS, found, strict=True)}
+            values = (
+                np.sqrt(np.mean(off * off)),
+                *np.percentile(off, (50, 95)),
+                off.max(),
+                max(behind.max(), 0.0),
+                max(-behind.min(), 0.0),
+                np.percentile(beside, 95),
+            )
+            errors = {name: float(value) for name, value in zip(STATION_ERRORS, values, strict=True)}
         warnings = [f"its leader {self._spec.vessel} was lost at {at_s:.1f} s" for at_s in self._lost]
         return {
             "follow": {

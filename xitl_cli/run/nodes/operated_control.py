@@ -16,8 +16,7 @@ from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.setup import embedded_parameters
 from xitl_cli.run.nodes.direct_control import DirectController, allocated, true_estimate
 from xitl_cli.run.operator.actions import ActionError, CommandMotor, EndRun, SteerVelocity
-from xitl_cli.run.operator.steering import Steering
-from xitl_cli.run.operator.streams import SILENT_S, Say
+from xitl_cli.run.operator.steering import SILENT_S, Say, Steering
 
 T = TypeVar("T")
 
@@ -75,7 +74,7 @@ class OperatedControl(ControlNode, Steering):
                 raise ActionError(f"velocity: the control laws cannot drive {self._vessel.command_kinds}; use motor")
         elif not isinstance(order, EndRun):
             raise ActionError(
-                "the vessel has no autopilot, and takes velocity, motor and end; use autopilot.kind: embedded"
+                "the vessel has no autopilot and accepts only velocity, motor and end; use autopilot.kind: embedded"
             )
 
     def give(self, order: object) -> None:
@@ -100,32 +99,29 @@ class OperatedControl(ControlNode, Steering):
             self._velocity = None
             self._fall_silent("no velocity", say)
 
-    def _fall_silent(self, what: str, say: Say) -> None:
+    def _fall_silent(self, reason: str, say: Say) -> None:
         self.silences += 1
-        say(f"{what} for {self._silent_ns * 1e-9:g} s: neutral")
+        say(f"{reason} for {self._silent_ns * 1e-9:g} s: neutral")
 
     # In the run
 
     def exchange(self, step: RunStep) -> None:
-        motors = self._neutral
-        if self._velocity is not None:
-            motors = self._steer(step, self._velocity)
+        motors, velocity = self._neutral, self._velocity
+        if velocity is not None:
+            if velocity.begins:
+                velocity.begins = False
+                self._controller.restart()
+                self._allocator.restart()
+            estimate, target, last = true_estimate(step.now_ns, step.motion), velocity.value, self._allocator.last
+            speed_mps = ground_speed_mps(estimate.yaw_rad, *estimate.vel_ned_mps[:2])
+            limited = last.thrust_limited, last.steering_limited
+            order = Order(None, target.turn_rate_radps, target.speed_mps, speed_mps, *limited)
+            answer = self._controller.control(order, estimate, self._dt_s)
+            motors = allocated(self._allocator, answer, self._dt_s, speed_mps)
         elif self._motors:
             motors = tuple(self._motors[n].value if n in self._motors else 0.0 for n in range(len(motors)))
         self.command = MotorCommand(motors, armed=True)
         self.progress = self._progress()
-
-    def _steer(self, step: RunStep, velocity: _Repeated[SteerVelocity]) -> tuple[float, ...]:
-        if velocity.begins:
-            velocity.begins = False
-            self._controller.restart()
-            self._allocator.restart()
-        estimate, wanted, last = true_estimate(step.now_ns, step.motion), velocity.value, self._allocator.last
-        speed_mps = ground_speed_mps(estimate.yaw_rad, *estimate.vel_ned_mps[:2])
-        limited = last.thrust_limited, last.steering_limited
-        order = Order(None, wanted.turn_rate_radps, wanted.speed_mps, speed_mps, *limited)
-        answer = self._controller.control(order, estimate, self._dt_s)
-        return allocated(self._allocator, answer, self._dt_s, speed_mps)
 
     def _progress(self) -> Progress:
         return Progress(mode="ROS", armed=True, finished=self._ended, completed=True, waypoints=())

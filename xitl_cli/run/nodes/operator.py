@@ -41,7 +41,7 @@ from xitl_cli.run.operator.actions import (
     read_action,
 )
 from xitl_cli.run.operator.environment_changes import EnvironmentChanges
-from xitl_cli.run.operator.replay import TimedAction
+from xitl_cli.run.operator.operation import TimedAction
 from xitl_cli.run.operator.steering import Order, Steering
 
 SOURCE = "operator"
@@ -144,38 +144,50 @@ class OperatorNode(RunNode):
         """
         try:
             carry_out = self._carrier(action)
-            plain = _plain(action)
-            if plain["action"] in STREAMED:
-                self._supersede(plain)
-            elif plain["action"] == "pause":
+            assert isinstance(action, Mapping)
+            asked = _Asked(dict(action), source, carry_out)
+            if asked.action["action"] in STREAMED:  # drop an earlier action of the same stream
+                earlier = [other for other in self._asked if _stream(other.action) == _stream(asked.action)]
+                for other in earlier:
+                    self._asked.remove(other)
+                    self._superseded += 1
+            elif asked.action["action"] == "pause":
                 self._paused_by = source
-            self._asked.append(_Asked(plain, source, carry_out))
+            self._asked.append(asked)
         except ActionError as error:
             self._refused += 1
             return str(error)
         return None
 
-    def _supersede(self, action: Mapping[str, Any]) -> None:
-        """Drop an earlier action of the same stream that is not carried out yet."""
-        key = _stream(action)
-        before = [asked for asked in self._asked if asked.action["action"] in STREAMED and _stream(asked.action) == key]
-        for asked in before:
-            self._asked.remove(asked)
-            self._superseded += 1
-
     def exchange(self, step: RunStep) -> None:
+        def say(vessel: str, text: str) -> None:
+            self._recorder.log(self._now_ns, INFO, SOURCE, f"{vessel}: {text}" if vessel else text)
+
         self._now_ns = step.now_ns
         self._poll()
         while self._events and self._events[0].time_ns <= step.now_ns:
-            self._give_again(self._events.popleft())
+            event = self._events.popleft()
+            try:
+                carry_out = self._carrier(event.action, again=True)
+            except ActionError as error:
+                self._refused += 1
+                text = f"{REPLAYED}: refused at {event.time_ns * 1e-9:.2f} s: {error}"
+                self._recorder.log(self._now_ns, WARNING, SOURCE, text)
+                continue
+            self._replayed += 1
+            self._asked.append(_Asked(event.action, event.source, carry_out))
         while self._asked:
             asked = self._asked.popleft()
             asked.carry_out()
             self._record(asked.action, asked.source)
         self._changes.update(step.now_ns)
-        self._tell_waves()
+        # Record changed waves. A recording has the profile's waves by the profile alone.
+        waves, changes = self._changes.waves, self._changes
+        if waves is not self._waves and (changes.is_settled or self._now_ns - self._waves_ns >= WAVES_NS):
+            self._waves, self._waves_ns = waves, self._now_ns
+            self._recorder.write(self._now_ns, _components(waves))
         for vessel, steering in self._steering.items():
-            steering.update(step.now_ns, partial(self._say, vessel))
+            steering.update(step.now_ns, partial(say, vessel))
 
     def report(self) -> dict[str, Any]:
         if not (self._done or self._refused or self._events or self._replayed):
@@ -191,23 +203,12 @@ class OperatorNode(RunNode):
                 "superseded": self._superseded,
                 "silences": silences,
             },
-            "warnings": [f"{REPLAYED}: the run ended before {left} of the actions were due"] if left else [],
+            "warnings": [f"{REPLAYED}: the run ended before {left} of the actions"] if left else [],
         }
 
     def _poll(self) -> None:
         for poll in self._listeners:
             poll()
-
-    def _give_again(self, event: TimedAction) -> None:
-        try:
-            carry_out = self._carrier(event.action, again=True)
-        except ActionError as error:
-            self._refused += 1
-            text = f"{REPLAYED}: refused at {event.time_ns * 1e-9:.2f} s: {error}"
-            self._recorder.log(self._now_ns, WARNING, SOURCE, text)
-            return
-        self._replayed += 1
-        self._asked.append(_Asked(event.action, event.source, carry_out))
 
     def _record(self, action: Mapping[str, Any], source: str) -> None:
         self._done[str(action["action"])] += 1
@@ -216,18 +217,10 @@ class OperatorNode(RunNode):
         steering = self._steering.get(action.get("vessel", ""))
         if steering is not None and action["action"] in STEERED:
             steering.asked_by[source] += 1
-        if action["action"] not in STREAMED:
-            self._recorder.log(self._now_ns, INFO, SOURCE, f"{_said(action)} ({source})")
-
-    def _tell_waves(self) -> None:
-        """Record changed waves. A recording has the profile's waves by the profile alone."""
-        waves, changes = self._changes.waves, self._changes
-        if waves is not self._waves and (changes.is_settled or self._now_ns - self._waves_ns >= WAVES_NS):
-            self._waves, self._waves_ns = waves, self._now_ns
-            self._recorder.write(self._now_ns, _components(waves))
-
-    def _say(self, vessel: str, text: str) -> None:
-        self._recorder.log(self._now_ns, INFO, SOURCE, f"{vessel}: {text}" if vessel else text)
+        if action["action"] not in STREAMED:  # such as `wind mean_mps 6, direction_deg 90`
+            values = {key: json.dumps(value, ensure_ascii=False) for key, value in action.items() if key != "action"}
+            words = ", ".join(f"{key} {value}" for key, value in values.items())
+            self._recorder.log(self._now_ns, INFO, SOURCE, f"{action['action']} {words}".strip() + f" ({source})")
 
     # Functions that carry out an action. They raise ActionError.
 
@@ -240,9 +233,15 @@ class OperatorNode(RunNode):
         if name in OF_PACE:
             return (lambda: None) if again else self._pace_carrier(name, asked)
         if isinstance(asked, LaunchBody):
-            return partial(self._river.launch, self._body(asked))
+            body = self._launch(asked)
+            refusal = self._river.refusal(body)
+            if refusal is not None:
+                raise ActionError(f"launch: {refusal}")
+            return partial(self._river.launch, body)
         vessel = asked.vessel  # type: ignore[attr-defined]
-        self._check_vessel(name, vessel)
+        if vessel not in self._vessels:
+            known = "the only vessel has no name" if self._vessels == ("",) else f"use {', '.join(self._vessels)}"
+            raise ActionError(f"{name}: vessel = {vessel!r} is not in this run; {known}")
         if isinstance(asked, SwitchFault):
             orders = self._orders_of(name, vessel)
             return partial(orders.inject, asked.name, orders.read_fault(asked, self._now_ns))
@@ -256,22 +255,9 @@ class OperatorNode(RunNode):
         steering.check(order)
         return partial(steering.give, order)
 
-    def _body(self, asked: LaunchBody) -> Launch:
-        body = self._launch(asked)
-        if (why := self._river.refusal(body)) is not None:
-            raise ActionError(f"launch: {why}")
-        return body
-
     def _launch(self, asked: LaunchBody) -> Launch:
         kind, heading_rad = BodyKind[asked.kind.upper()], math.radians(asked.heading_deg)
         return Launch(self._now_ns, kind, asked.north_m, asked.east_m, heading_rad, asked.length_m)
-
-    def _check_vessel(self, name: str, vessel: str) -> None:
-        if vessel not in self._vessels:
-            there = (
-                "there is one vessel, without a name" if self._vessels == ("",) else f"use {', '.join(self._vessels)}"
-            )
-            raise ActionError(f"{name}: vessel = {vessel!r} is not in this run; {there}")
 
     def _orders_of(self, name: str, vessel: str) -> VesselOrders:
         if vessel not in self._orders:
@@ -290,26 +276,26 @@ class OperatorNode(RunNode):
         """
         pace = self._pace
         if pace is None:
-            raise ActionError(f"{name}: time goes by with the clock on the wall; use clock.mode: lockstep")
+            raise ActionError(f"{name}: not possible in real time; use clock.mode: lockstep")
         if isinstance(asked, Pause):
             if self._paused:
-                raise ActionError("pause: the run stands still already; resume or step it")
+                raise ActionError("pause: the run is paused already; resume or step it")
             self._paused = True
             return lambda: pace.pause(self._now_ns) if self._paused else None
         if isinstance(asked, ChangePace):
             pace.set_factor(asked.factor)
             return lambda: None
         if not self._paused:
-            raise ActionError(f"{name}: the run is going on; pause it first")
+            raise ActionError(f"{name}: the run is not paused; pause it first")
         if isinstance(asked, Resume):
             self._paused = False
             pace.resume()
             return lambda: None
         assert isinstance(asked, Step)
-        go_on = partial(pace.step, round(asked.seconds * 1e9))
+        carry_out = partial(pace.step, round(asked.seconds * 1e9))
         if not pace.paused:
-            return go_on
-        go_on()
+            return carry_out
+        carry_out()
         return lambda: None
 
 
@@ -321,19 +307,6 @@ def _components(waves: WaveField | FlatWater) -> SeaComponents:
     return SeaComponents(waves.amplitude_m.tolist(), north, east, frequency, phase)
 
 
-def _plain(action: object) -> dict[str, Any]:
-    assert isinstance(action, Mapping)
-    return dict(action)
-
-
 def _stream(action: Mapping[str, Any]) -> tuple[Any, ...]:
     """Return the key of a stream: a new action replaces an earlier one with the same key."""
     return action["action"], action.get("vessel", ""), action.get("number")
-
-
-def _said(action: Mapping[str, Any]) -> str:
-    """Return a text such as `wind mean_mps 6, direction_deg 90`."""
-    rest = ", ".join(
-        f"{key} {json.dumps(value, ensure_ascii=False)}" for key, value in action.items() if key != "action"
-    )
-    return f"{action['action']} {rest}".strip()

@@ -1,21 +1,29 @@
-"""Nodes of plug-ins: made from the profile's `plugins`, and guarded, so that a failure names the plug-in."""
+"""Nodes, drivers and live outputs of plug-ins, guarded so that a failure names the plug-in."""
 
 from __future__ import annotations
 
 import json
 import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+from agent.entry_points import OWN_PACKAGE
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.link import Link
 from xitl_cli.errors import UserError
+from xitl_cli.plugin import DriverContext, DriverKind, LiveOutputKind
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.mcap_file import ChannelMirror
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import Topic
-from xitl_cli.registry import NODES, package_of
-from xitl_cli.run.core.node import RunContext, RunNode, RunStep
-from xitl_cli.run.core.plugin_error import PluginNodeError
+from xitl_cli.registry import DRIVERS, LIVE_OUTPUTS, NODES, load, package_of
+from xitl_cli.run.core.live_output import LiveOutput, LiveRun, LiveVessel
+from xitl_cli.run.core.node import PluginNodeError, RunContext, RunNode, RunStep
+from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.nodes.drivers import VehicleDriver
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -64,17 +72,18 @@ class PluginGuard:
         path = Path(last.filename)
         file = f"{path.parent.name}/{path.name}" if path.name == "__init__.py" else path.name
         why = f"{reason}, {file}:{last.lineno}"
-        return f"{self._who} failed {when} ({why}); correct the plug-in or take it out of the profile"
+        return f"{self._who} failed {when} ({why}); correct the plug-in or remove it from the profile"
 
 
 class PluginNode(RunNode):
     """The node of a plug-in.
 
-    After an exception of the plug-in, the node is not called again, except to close it. See PluginGuard.
+    After an exception of the plug-in, the node is not called again, except to close it. who: as for PluginGuard, which
+    has the default for a node of the profile's `plugins`.
     """
 
-    def __init__(self, name: str, make: Callable[[], Any], topics: Sequence[Topic] = ()) -> None:
-        who = f"plugins.{name} ({package_of(NODES, name)})"
+    def __init__(self, name: str, make: Callable[[], Any], topics: Sequence[Topic] = (), who: str = "") -> None:
+        who = who or f"plugins.{name} ({package_of(NODES, name)})"
         self._name = name
         self._topics = topics
         self._guard = PluginGuard(f"plugins.{name}", who)
@@ -124,8 +133,183 @@ class PluginNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         """plugins: the report of each plug-in's node by name."""
-        report = None if self._guard.failed else self._guard.after_the_run("in its report", self._reported)
-        return {"plugins": {self._name: report}, "warnings": list(self._guard.warnings)}
 
-    def _reported(self) -> Any:
-        return json.loads(json.dumps(self._node.report(), allow_nan=False))
+        def report() -> Any:
+            return json.loads(json.dumps(self._node.report(), allow_nan=False))
+
+        section = None if self._guard.failed else self._guard.after_the_run("in its report", report)
+        return {"plugins": {self._name: section}, "warnings": list(self._guard.warnings)}
+
+
+def driver_of(context: DriverContext) -> VehicleDriver:
+    """Return the driver that the profile selects.
+
+    Raises PluginError when no package has it, and UserError when the run cannot have it.
+    """
+    name = context.profile.driver.kind
+    kind: DriverKind = load(DRIVERS, name)
+    if context.keys is None and kind.keys is not None:
+        context = replace(context, keys=kind.keys())
+    package = package_of(DRIVERS, name)
+    if package.split()[0] == OWN_PACKAGE:
+        driver: VehicleDriver = kind.make(context)
+        return driver
+    return PluginDriver(name, f"driver.kind {name} ({package})", kind, context)
+
+
+class PluginDriver(VehicleDriver):
+    """The driver of another package. After an exception it is not called again, except to close it."""
+
+    def __init__(self, name: str, who: str, kind: DriverKind, context: DriverContext) -> None:
+        guard = self._guard = PluginGuard(name, who)
+        driver = guard.call("when it was made", kind.make, context)
+        if not isinstance(driver, VehicleDriver):
+            raise PluginNodeError(
+                f"{who}: its make returned {type(driver).__name__}, which is not a VehicleDriver; correct the plug-in"
+            )
+        self._driver = driver
+
+    def prepare(self) -> None:
+        self._guard.call("before the run", self._driver.prepare)
+
+    def begin(self, context: RunContext) -> None:
+        self._guard.recorder = context.recorder
+        self._guard.call("at the start", self._driver.begin, context)
+
+    def update(self, sim_ns: int) -> None:
+        self._guard.now_ns = sim_ns
+        self._guard.call("", self._driver.update, sim_ns)
+
+    def handle(self, message: Any) -> None:
+        self._guard.call("", self._driver.handle, message)
+
+    @property
+    def ready(self) -> bool:
+        return self._guard.call("", lambda: bool(self._driver.ready))
+
+    @property
+    def departed(self) -> bool:
+        return self._guard.call("", lambda: bool(self._driver.departed))
+
+    def finish(self) -> None:
+        self._guard.call("", self._driver.finish)
+
+    def progress(self) -> Progress:
+        return self._guard.call("", self._driver.progress)
+
+    def end(self) -> None:
+        if not self._guard.failed:
+            self._guard.call("at the end", self._driver.end)
+
+    def close(self) -> None:
+        self._guard.after_the_run("when it was closed", self._driver.close)
+
+    def save(self, folder: Path) -> None:
+        if not self._guard.failed:
+            self._guard.after_the_run("when it saved its files", self._driver.save, folder)
+
+    def report(self) -> dict[str, Any]:
+        report = None if self._guard.failed else self._guard.after_the_run("in its report", self._driver.report)
+        return {**(report or {}), "warnings": list(self._guard.warnings)}
+
+
+def live_outputs(profiles: Sequence[RunProfile]) -> list[LiveOutput]:
+    """Load the live outputs that the first profile of a run selects.
+
+    Raises PluginError when one is missing, and UserError when the run cannot have it.
+    """
+    lead = profiles[0]
+    wanted = {"view": lead.view.show, "foxglove": lead.live.streams_foxglove, "ros": lead.ros.enabled}
+    names = [name for name, is_wanted in wanted.items() if is_wanted]
+    return [_live_output(name, profiles) for name in dict.fromkeys((*names, *lead.live.outputs))]
+
+
+def _live_output(name: str, profiles: Sequence[RunProfile]) -> LiveOutput:
+    kind, package = load(LIVE_OUTPUTS, name), package_of(LIVE_OUTPUTS, name)
+
+    def make() -> Any:
+        if not isinstance(kind, LiveOutputKind):
+            return kind(profiles)
+        keys = profiles[0].plugins.get(name)
+        return kind.make(profiles, kind.keys() if keys is None and kind.keys is not None else keys)
+
+    if package.split()[0] == OWN_PACKAGE:
+        output: LiveOutput = make()
+        return output
+    return PluginOutput(name, f"live.outputs {name} ({package})", make)
+
+
+class PluginOutput(LiveOutput):
+    """The live output of another package."""
+
+    def __init__(self, name: str, who: str, make: Callable[[], Any]) -> None:
+        self._name, self._who = name, who
+        self._guard = PluginGuard(f"live.{name}", who)
+        self._output = self._guard.call("when it was made", make)
+        if not isinstance(self._output, LiveOutput):
+            made = type(self._output).__name__
+            raise PluginNodeError(f"{who}: its make returned {made}, which is not a LiveOutput; correct the plug-in")
+
+    def vessel_node(self, vessel: LiveVessel) -> RunNode | None:
+        node = self._guard.call("when its node was made", self._output.vessel_node, vessel)
+        return None if node is None else self._guarded(node)
+
+    def world_nodes(self, run: LiveRun) -> Sequence[RunNode]:
+        return [self._guarded(node) for node in self._guard.call("when its nodes were made", self._made, run)]
+
+    def _made(self, run: LiveRun) -> list[Any]:
+        return list(self._output.world_nodes(run))
+
+    def _guarded(self, node: Any) -> RunNode:
+        return PluginLiveNode(self._name, lambda: node, who=self._who)
+
+
+class PluginLiveNode(PluginNode):
+    """A node of a live output of another package.
+
+    An exception in its mirror ends the run at the next exchange, not in the node that writes the message.
+    """
+
+    _failure: Exception | None = None
+
+    def attach_operator(self, operator: Any) -> None:
+        self._guard.call("before the run", self._node.attach_operator, operator)
+
+    def mirror(self) -> ChannelMirror | None:
+        mirror = self._guard.call("before the run", self._node.mirror)
+        return None if mirror is None else _GuardedMirror(mirror, self._fail)
+
+    def exchange(self, step: RunStep) -> None:
+        if self._failure is not None:
+            self._guard.call("", self._raise)
+        super().exchange(step)
+
+    def _raise(self) -> None:
+        assert self._failure is not None
+        raise self._failure
+
+    def _fail(self, problem: Exception) -> None:
+        self._failure = self._failure or problem
+
+
+class _GuardedMirror:
+    """The mirror of a package, which is not called again after an exception."""
+
+    def __init__(self, mirror: ChannelMirror, fail: Callable[[Exception], None]) -> None:
+        self._mirror = mirror
+        self._fail = fail
+        self._failed = False
+
+    def open_channel(self, *described: Any) -> Callable[[bytes, int], object] | None:
+        show = self._call(self._mirror.open_channel, *described)
+        return None if show is None else partial(self._call, show)
+
+    def _call(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        if self._failed:
+            return None
+        try:
+            return call(*arguments)
+        except Exception as problem:  # noqa: BLE001  the code of a plug-in may raise anything
+            self._failed = True
+            self._fail(problem)
+            return None

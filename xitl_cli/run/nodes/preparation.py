@@ -263,7 +263,7 @@ class Preparation(VehicleDriver):
         if not view.heard:
             if sim_ns > self._heartbeat_s * 1e9:
                 raise UserError(
-                    f"{self._where}: no heartbeat of the autopilot came in {self._heartbeat_s:.0f} s; check that it "
+                    f"{self._where}: no heartbeat of the autopilot in {self._heartbeat_s:.0f} s; check that it "
                     "runs, that this is its MAVLink port, and autopilot.bridge.mavlink"
                 )
             return
@@ -272,10 +272,10 @@ class Preparation(VehicleDriver):
             return
         if view.starting and not self._started:
             if sim_ns > self._arm_timeout_s * 1e9:
-                said = "; ".join(dict.fromkeys(list(view.texts)[-2:])) or "nothing"
+                texts = "; ".join(dict.fromkeys(list(view.texts)[-2:])) or "nothing"
                 raise UserError(
-                    f"{self._where}: the autopilot is still starting after {self._arm_timeout_s:g} s and said: {said}; "
-                    "mend that and start it anew, or give it longer by autopilot.arm_timeout_s"
+                    f"{self._where}: the autopilot is still starting after {self._arm_timeout_s:g} s and reports: "
+                    f"{texts}; correct that and restart it, or increase autopilot.arm_timeout_s"
                 )
             return
         self._started = True
@@ -300,15 +300,14 @@ class Preparation(VehicleDriver):
         progress = self._driver.progress()
         if not self._held or progress.waits_for:
             return progress
-        return replace(progress, waits_for=self._waits_for())
-
-    def _waits_for(self) -> str:
         if not self._view.heard:
-            return "the autopilot to be heard"
-        if not self._parameters.done:
-            return "the autopilot to take its parameters"
-        if not self._started:
-            return "the autopilot to start"
-        if not self._mission.done:
-            return "the autopilot to take the mission"
-        return "the autopilot to arm" if self._view.ready_to_arm else "the autopilot to become ready to arm"
+            state = "send its first heartbeat"
+        elif not self._parameters.done:
+            state = "accept its parameters"
+        elif not self._started:
+            state = "start"
+        elif not self._mission.done:
+            state = "accept the mission"
+        else:
+            state = "arm" if self._view.ready_to_arm else "become ready to arm"
+        return replace(progress, waits_for=f"the autopilot to {state}")

@@ -1,22 +1,29 @@
-"""Recorders of a run: the truth and its environment, the links to agents, and the host's own clock."""
+"""Recorders of a run: truth and environment, scripted vessels, links to agents, and the host's clock."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from agent.wire.codec import Packer
 from sim_core.environment.wind import Air
+from sim_core.fleet import Fleet
+from sim_core.kinematics import Kinematics
 from sim_core.sensors.rangefinder import HullsAround, TideNow
 from sim_core.simulation import elevation_m
 from sim_core.vessel.battery import COULOMB_PER_AH
+from sim_core.world.traffic import scripted_motion
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import ActuatorAge, BatteryMessage
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
 from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.world.plant import PlantView
+from xitl_cli.run.world.scene import make_scripted_scene
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
 
@@ -152,3 +159,42 @@ class LinkRecorder(RunNode):
     def _record_links(self, now_ns: int) -> None:
         for agent in self._agents:
             agent.record_links(self._recorder, now_ns)
+
+
+NO_ROTORS = np.empty((1, 0))
+
+
+class ScriptedRecorder(RunNode):
+    """Records state, odometry and pose of each scripted vessel on topics with its name."""
+
+    def __init__(self, fleet: Fleet, physics_rate_hz: float, truth_rate_hz: float, drawn: bool) -> None:
+        self._vessels, self._tide = fleet.traffic, fleet.environment.tide
+        self._every = round(physics_rate_hz / truth_rate_hz)
+        self._drawn = drawn
+        self._recorders: list[Recorder] = []
+
+    def begin(self, context: RunContext) -> None:
+        self._recorders = [context.recorder.of_vessel(vessel.name) for vessel in self._vessels]
+        if self._drawn:
+            context.recorder.scene(make_scripted_scene(self._vessels))
+
+    def record(self, step: RunStep) -> None:
+        if step.number % self._every:
+            return
+        now_s = step.now_ns * 1e-9
+        motion = scripted_motion(self._vessels, now_s, self._tide.height_m(now_s))
+        for row, recorder in enumerate(self._recorders):
+            own = slice(row, row + 1)
+            recorder.truth(
+                step.now_ns,
+                Kinematics(
+                    motion.pos_ned_m[own],
+                    motion.vel_ned_mps[own],
+                    motion.acc_ned_mps2[own],
+                    motion.quat_ned_frd[own],
+                    motion.rot_ned_frd[own],
+                    motion.gyro_frd_radps[own],
+                    motion.angular_acc_frd_radps2[own],
+                ),
+                NO_ROTORS,
+            )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,14 @@ from sim_core.world.plan import Capsules
 from sim_core.world.waterway import OPEN_WATER, Waterway
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import TideState
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.launch_requests import LaunchPort
 from xitl_cli.run.world.collisions import Collisions
 from xitl_cli.run.world.encounters import DebrisEncounters, MissionLegs, draw_encounters
 from xitl_cli.run.world.plant import Plant, PlantView
-from xitl_cli.run.world.scene import make_debris_scene
+from xitl_cli.run.world.scene import make_debris_scene, make_water_scene
 from xitl_cli.seeds import Seeds
 
 RECORD_RATE_HZ = 10.0
@@ -48,8 +49,8 @@ class CollisionNode(RunNode):
         recorder, now_ns, contacts = self._recorder, step.now_ns, step.contacts
         if len(contacts) and not step.held:
             for begun in self._collisions.add(now_ns, contacts):
-                text = f"the hull hit {_article(begun.what)} at {begun.impact_mps:.2f} m/s"
-                recorder.log(now_ns, WARNING, SOURCE, text)
+                body = begun.what if begun.what[-1:].isdigit() else f"the {begun.what}"
+                recorder.log(now_ns, WARNING, SOURCE, f"the hull hit {body} at {begun.impact_mps:.2f} m/s")
                 self._record_contact(recorder, now_ns, begun.what, began=True)
         if step.number % self._record_every == 0:
             for touching in self._collisions.touching(now_ns):
@@ -60,10 +61,10 @@ class CollisionNode(RunNode):
         feels = self._others or self._plant.simulation.waterway.contact
         return {"collisions": self._collisions.report() if feels else None}
 
-    def _record_contact(self, recorder: Recorder, stamp_ns: int, what: str, began: bool) -> None:
-        known = next(each for each in self._collisions.touching(stamp_ns) if each.what == what)
-        speed = known.impact_mps if began else known.closing_mps
-        recorder.perception.contact(stamp_ns, what, known.place_ned_m, known.force_n, speed, began)
+    def _record_contact(self, recorder: Recorder, stamp_ns: int, body: str, began: bool) -> None:
+        collision = next(touching for touching in self._collisions.touching(stamp_ns) if touching.what == body)
+        speed = collision.impact_mps if began else collision.closing_mps
+        recorder.perception.contact(stamp_ns, body, collision.place_ned_m, collision.force_n, speed, began)
 
 
 class RiverNode(RunNode):
@@ -88,46 +89,56 @@ class RiverNode(RunNode):
         self._progress = progress
         self._record_every = _record_every(plant.simulation.dt_s)
         self._drawn = drawn
-        self._told = 0
+        self._announced = 0
         self._by: Counter[str] = Counter()
         self._refused = 0
 
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder
         if self._port is not None:
-            self._recorder.log(0, INFO, SOURCE, f"hears launches at {self._port.address}")
+            self._recorder.log(0, INFO, SOURCE, f"waits for launches at {self._port.address}")
 
     def _launch_due(self, step: RunStep) -> None:
         plant, target = self._plant, self._progress().target
         if target is not None:
             north_m, east_m, _ = plant.vessels[0].motion().pos_ned_m[0].tolist()
-            for each in self.encounters.due(step.now_ns, (north_m, east_m), target):
-                self.launch(each)
+            for body in self.encounters.due(step.now_ns, (north_m, east_m), target):
+                self.launch(body)
         if self._port is not None:
-            asked: list[Launch] = []
+            accepted: list[Launch] = []
             room = MOST_BODIES - len(plant.state.debris.bodies)
 
-            def ask(one: Launch) -> bool:
-                if len(asked) >= room or self.refusal(one) is not None:
+            def accept(body: Launch) -> bool:
+                if len(accepted) >= room or self.refusal(body) is not None:
                     return False
-                asked.append(one)
+                accepted.append(body)
                 return True
 
-            self._port.serve(step.now_ns, ask)
-            for each in asked:
-                self.launch(each)
+            self._port.serve(step.now_ns, accept)
+            for body in accepted:
+                self.launch(body)
 
     def sense(self, step: RunStep) -> None:
         recorder, now_ns, debris = self._recorder, step.now_ns, self._plant.state.debris
-        if len(debris.bodies) > self._told:
-            self._tell(recorder, now_ns, debris)
+        if len(debris.bodies) > self._announced:
+            self._announce(now_ns, debris)
         if step.number % self._record_every == 0 and debris.bodies:
-            _record_bodies(recorder, now_ns, debris)
+            late_s = (now_ns - debris.time_ns) * 1e-9
+            euler = np.zeros((len(debris.bodies), 3))
+            euler[:, 2] = debris.yaw_rad + late_s * debris.yaw_rate_radps
+            recorder.perception.bodies(
+                now_ns,
+                [body.kind.name.lower() for body in debris.bodies],
+                np.array([body.length_m for body in debris.bodies]),
+                debris.pos_ned_m + late_s * debris.vel_ned_mps,
+                frames.euler_to_quat(euler),
+                debris.vel_ned_mps,
+            )
 
     def report(self) -> dict[str, Any]:
         return {
             "debris": {
-                "launched": self._told,
+                "launched": self._announced,
                 "by": dict(self._by),
                 "no_room": self.encounters.no_room,
                 "refused": self._refused,
@@ -162,17 +173,18 @@ class RiverNode(RunNode):
             return f"there are {MOST_BODIES} bodies in the water already"
         where = f"{one.north_m:.1f} N {one.east_m:.1f} E"
         if not self.encounters.afloat(one.north_m, one.east_m):
-            return f"at {where} is no water, or something stands in it; choose another place"
+            return f"no free water at {where}; choose another place"
         for vessel in self._plant.vessels:
             place = vessel.motion().pos_ned_m[0, :2].tolist()
             if math.dist(place, (one.north_m, one.east_m)) <= (
                 vessel.simulation.outline.reach_m + body.half_axis_m + body.radius_m
             ):
-                return f"at {where} is a vessel; choose another place"
+                return f"a vessel is at {where}; choose another place"
         return None
 
-    def _tell(self, recorder: Recorder, now_ns: int, debris: DebrisState) -> None:
-        for number in range(self._told, len(debris.bodies)):
+    def _announce(self, now_ns: int, debris: DebrisState) -> None:
+        """Log and draw the bodies that are new in the water."""
+        for number in range(self._announced, len(debris.bodies)):
             body, (north, east, _) = debris.bodies[number], debris.pos_ned_m[number].tolist()
             kind = body.kind.name.lower()
             self._by[kind] += 1
@@ -180,10 +192,10 @@ class RiverNode(RunNode):
             text = (
                 f"{kind} {number} of {body.length_m:.1f} m in the water at {north:.1f} N {east:.1f} E, {heading:.0f}°"
             )
-            recorder.log(now_ns, INFO, SOURCE, text)
+            self._recorder.log(now_ns, INFO, SOURCE, text)
         if self._drawn:
-            recorder.scene(make_debris_scene(debris.bodies, self._told), now_ns)
-        self._told = len(debris.bodies)
+            self._recorder.scene(make_debris_scene(debris.bodies, self._announced), now_ns)
+        self._announced = len(debris.bodies)
 
 
 def river_from_profile(profile: RunProfile, seeds: Seeds, plant: Plant, progress: Callable[[], Progress]) -> RiverNode:
@@ -214,19 +226,33 @@ def _record_every(dt_s: float) -> int:
     return max(round(1.0 / (RECORD_RATE_HZ * dt_s)), 1)
 
 
-def _record_bodies(recorder: Recorder, now_ns: int, debris: DebrisState) -> None:
-    late_s = (now_ns - debris.time_ns) * 1e-9
-    euler = np.zeros((len(debris.bodies), 3))
-    euler[:, 2] = debris.yaw_rad + late_s * debris.yaw_rate_radps
-    recorder.perception.bodies(
-        now_ns,
-        [body.kind.name.lower() for body in debris.bodies],
-        np.array([body.length_m for body in debris.bodies]),
-        debris.pos_ned_m + late_s * debris.vel_ned_mps,
-        frames.euler_to_quat(euler),
-        debris.vel_ned_mps,
-    )
+TIDE_RATE_HZ = 1.0
+DRAWN_STEP_M = 0.02
+"""Change of the level after which the water is drawn again."""
 
 
-def _article(what: str) -> str:
-    return what if what[-1:].isdigit() else f"the {what}"
+class TideNode(RunNode):
+    """Records the tide at 1 Hz. profiles: one for each vessel."""
+
+    def __init__(self, profiles: Sequence[RunProfile], plant: Plant) -> None:
+        self._profiles, self._plant = profiles, plant
+        self._every = max(round(profiles[0].clock.physics_rate_hz / TIDE_RATE_HZ), 1)
+        self._drawn_m = 0.0
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+        self._record(0)
+
+    def record(self, step: RunStep) -> None:
+        if step.number % self._every == 0:
+            self._record(step.now_ns)
+
+    def _record(self, now_ns: int) -> None:
+        environment, time_s = self._plant.simulation.environment, now_ns * 1e-9
+        tide = environment.tide
+        height_m = tide.height_m(time_s)
+        level_m = environment.level_m(time_s)
+        self._recorder.write(now_ns, TideState(level_m, height_m, tide.rise_mps(time_s), tide.stream_mps(time_s)))
+        if self._profiles[0].recording.scene and abs(height_m - self._drawn_m) >= DRAWN_STEP_M:
+            self._drawn_m = height_m
+            self._recorder.scene(make_water_scene(self._profiles, height_m), now_ns)

@@ -60,19 +60,27 @@ class StationAddresses(RunNode):
             raise
 
     def _open(self, profiles: Sequence[RunProfile]) -> None:
-        asked = {profile.vessel: _asked_for(profile) for profile in profiles}
+        requested: dict[str, tuple[str, ...]] = {}
+        for profile in profiles:
+            autopilot = profile.autopilot
+            elsewhere = autopilot.kind != "embedded" and not autopilot.started_here  # it serves its own stations
+            requested[profile.vessel] = () if elsewhere else ground_stations_of(profile)
         boards = {profile.vessel: _board_station(profile) for profile in profiles}
-        wanted = Counter(url for urls in asked.values() for url in urls)
-        shared = [url for url, count in wanted.items() if count > 1 or any(boards.values())]
-        given = {url for profile in profiles for url in profile.autopilot.ground_stations or ()}
-        fleet = tuple(self._opened(url, url in given) for url in shared)
+        counts = Counter(url for urls in requested.values() for url in urls)
+        shared = [url for url, count in counts.items() if count > 1 or any(boards.values())]
+        in_profile = {url for profile in profiles for url in profile.autopilot.ground_stations or ()}
+        fleet = tuple(self._opened(url, url in in_profile) for url in shared)
         if fleet:
             self._router = RouterProcess(fleet)
         for number, profile in enumerate(profiles, start=1):
-            urls = asked[profile.vessel]
-            own = [self._opened(url, url in given) for url in urls if url not in shared]
+            urls = requested[profile.vessel]
+            own = [self._opened(url, url in in_profile) for url in urls if url not in shared]
             if profile.autopilot.kind != "px4":  # the router calls a PX4's single link for stations
-                own += [self._opened(_stepped(url, number), False) for url in urls if url in shared and _is_tcp(url)]
+                for url in urls:
+                    if url in shared and _is_tcp(url):  # the vessel's own port, counted from the common one
+                        parts = urlsplit(url)
+                        host, port = parts.netloc.rpartition(":")[0], (parts.port or 0) + STEP * number
+                        own.append(self._opened(parts._replace(netloc=f"{host}:{port}").geturl(), False))
             if self._router is None or not urls:
                 self._of[profile.vessel] = VesselStations(tuple(own), tuple(own), tuple(own))
             else:
@@ -81,7 +89,7 @@ class StationAddresses(RunNode):
         self._system_ids = {
             profile.vessel: profile.autopilot.system_id
             for profile in profiles
-            if asked[profile.vessel] or boards[profile.vessel] is not None
+            if requested[profile.vessel] or boards[profile.vessel] is not None
         }
         for board in boards.values():
             if self._router is not None and board is not None:
@@ -108,48 +116,34 @@ class StationAddresses(RunNode):
         counts, self._router = self._router.close(), None
         heard = counts.pop("systems", {})
         unheard = [
-            f"{vessel} (system {system_id}) was not heard at the ground stations' port of all vessels; an agent on a "
-            f"board serves them with --gcs tcp://0.0.0.0:{USUAL[1]}"
+            f"{vessel} (system {system_id}) sent nothing to the common port of ground stations; start the agent on "
+            f"its board with --gcs tcp://0.0.0.0:{USUAL[1]}"
             for vessel, system_id in self._system_ids.items()
             if str(system_id) not in heard
         ]
         vessels = {vessel: list(stations.own) for vessel, stations in self._of.items()}
-        found = {"fleet": list(self._fleet), "vessels": vessels, **counts}
-        self._report = {"ground_stations": found, "warnings": unheard}
+        section = {"fleet": list(self._fleet), "vessels": vessels, **counts}
+        self._report = {"ground_stations": section, "warnings": unheard}
 
-    def _opened(self, url: str, given: bool) -> str:
-        """Return the requested address, or the address of a nearby port."""
+    def _opened(self, url: str, fixed: bool) -> str:
+        """Return the requested address or, unless it is fixed, the address of a nearby port."""
         if not _is_tcp(url):
             return url
-        parts = urlsplit(url)
-        found = self._ports.nearest(url)
-        if found is None or (given and found != url):
-            why = f"and the {TRIED - 1} ports behind it are in use" if found is None else "is in use"
+        free = self._ports.nearest(url)
+        if free is None or (fixed and free != url):
+            why = f"and the next {TRIED - 1} ports are in use" if free is None else "is in use"
             raise UserError(
-                f"autopilot.ground_stations: {url} {why} by another program or run; end that, or give another port"
+                f"autopilot.ground_stations: {url} {why} by another program or run; end it, or choose another port"
             )
-        if found != url:
+        if free != url:
             self.warnings.append(
-                f"TCP port {parts.port} is in use by another program or run: ground stations connect to {found}"
+                f"TCP port {urlsplit(url).port} is in use by another program or run: ground stations connect to {free}"
             )
-        return found
+        return free
 
 
 def _is_tcp(url: str) -> bool:
     return urlsplit(url).scheme == "tcp"
-
-
-def _stepped(url: str, number: int) -> str:
-    """Return the address of vessel `number` alone, from the common address."""
-    parts = urlsplit(url)
-    return parts._replace(netloc=f"{parts.netloc.rpartition(':')[0]}:{(parts.port or 0) + STEP * number}").geturl()
-
-
-def _asked_for(profile: RunProfile) -> tuple[str, ...]:
-    """Return the requested addresses. An autopilot that the user has started serves its own ground stations."""
-    autopilot = profile.autopilot
-    elsewhere = autopilot.kind != "embedded" and not autopilot.started_here
-    return () if elsewhere else ground_stations_of(profile)
 
 
 def _board_station(profile: RunProfile) -> str | None:
@@ -185,8 +179,8 @@ class RouterProcess:
         first_line = self._process.stdout.readline()
         if not first_line:
             _, errors = self._process.communicate()
-            said = errors.strip().splitlines() or [f"exit code {self._process.returncode}"]
-            raise UserError(f"autopilot.ground_stations: {said[-1]}")
+            lines = errors.strip().splitlines() or [f"exit code {self._process.returncode}"]
+            raise UserError(f"autopilot.ground_stations: {lines[-1]}")
         self.vessels_url: str = json.loads(first_line)["vessels"]
 
     def call(self, url: str) -> None:
@@ -201,11 +195,11 @@ class RouterProcess:
     def close(self) -> dict[str, Any]:
         """End the router and return its counts; empty when it had ended early."""
         try:
-            said, _ = self._process.communicate(timeout=_ENDS_S)
+            output, _ = self._process.communicate(timeout=_ENDS_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
-            said, _ = self._process.communicate()
-        counts: dict[str, Any] = json.loads(said.splitlines()[-1]) if said.strip() else {}
+            output, _ = self._process.communicate()
+        counts: dict[str, Any] = json.loads(output.splitlines()[-1]) if output.strip() else {}
         return counts
 
 

@@ -33,11 +33,10 @@ from xitl_cli.run.operator.actions import (
     SteerVelocity,
     SwitchFault,
 )
-from xitl_cli.run.operator.steering import Order, Steering
-from xitl_cli.run.operator.streams import SILENT_S, Say, VelocityStream
+from xitl_cli.run.operator.steering import SILENT_S, Order, Say, Steering, VelocityStream
 
 GIVE_UP_S = 10.0
-END_OF_ITS_OWN = "the vessel's driver has an end of its own; only a run with driver.kind: ros is ended so"
+OWN_END = "the vessel's driver ends the run by itself; this action needs driver.kind: ros"
 SHIPPED = "faults/"
 
 
@@ -95,7 +94,7 @@ class VesselOrders(Steering):
         view = self._commands.view
         if isinstance(order, EndRun):
             if self._profile.driver.kind != "ros":
-                raise ActionError(f"end: {END_OF_ITS_OWN}")
+                raise ActionError(f"end: {OWN_END}")
             return
         if isinstance(order, CommandMotor):
             raise ActionError(
@@ -103,14 +102,14 @@ class VesselOrders(Steering):
             )
         if isinstance(order, SteerVelocity):
             if self._profile.autopilot.kind == "px4":
-                raise ActionError("velocity: PX4 takes no speed and turn rate as ArduPilot does; use goto")
+                raise ActionError("velocity: PX4 does not accept a speed and a turn rate; use goto")
             return  # a stream waits for the driver to get under way, and so for the first heartbeat
         if not view.heard:
-            raise ActionError("the autopilot has not been heard yet; wait for its heartbeat")
+            raise ActionError("the autopilot has not sent a heartbeat yet; wait for it")
         if isinstance(order, ChangeMode):
             known = PX4_MODES if view.px4 else ROVER_MODE_NUMBERS
             if order.mode not in known:
-                raise ActionError(f"mode = {order.mode!r} is none of this autopilot; use {', '.join(known)}")
+                raise ActionError(f"mode = {order.mode!r} is no mode of this autopilot; use {', '.join(known)}")
 
     def give(self, order: Order) -> None:
         if isinstance(order, SteerVelocity):
@@ -169,72 +168,75 @@ class VesselOrders(Steering):
             order = self._order
             if order.since_ns is None:
                 order.since_ns = now_ns
-            if self._obeyed(now_ns):
+            if self._repeat_order(now_ns):
                 say(f"{order.words}: accepted")
                 self._order = None
-            elif (why := self._refusal(now_ns - order.since_ns)) is not None:
-                say(f"{order.words}: {why}{commands.view.why_not_armed()}")
-                self._order = self._place = None
-        if self._order is None and self._place is not None:
-            self._repeat_place(now_ns)
+            else:
+                why = self._refusal(now_ns - order.since_ns)
+                if why is not None:
+                    say(f"{order.words}: {why}{commands.view.why_not_armed()}")
+                    self._order = self._place = None
+        if self._order is not None or self._place is None:
+            return
+        # Repeat the place every second until another mode is chosen.
+        if self._told_ns is None or now_ns - self._told_ns >= REPEAT_S * 1e9:
+            if self._told_ns is not None and commands.view.mode != shown_mode("GUIDED", commands.view.px4):
+                self._place = None
+                return
+            self._told_ns = now_ns
+            commands.go_to(now_ns, *self._place)
 
-    def _obeyed(self, now_ns: int) -> bool:
-        commands = self._commands
+    def _repeat_order(self, now_ns: int) -> bool:
+        """Send the order again when it is due. Returns whether the autopilot has accepted it."""
+        commands, mission = self._commands, self._mission
         if self._armed is not None:
             return commands.arm(now_ns, self._armed)
-        if self._mission is not None:
-            return self._mission_is_changed(now_ns, self._mission)
+        if mission is not None:
+            if mission.do == "start":
+                return commands.start_mission(now_ns)
+            if self._upload is not None:
+                commands.send_all(self._upload.poll(now_ns))
+                return self._upload.accepted
+            if self._told_ns is None or now_ns - self._told_ns >= REPEAT_S * 1e9:
+                self._told_ns = now_ns
+                commands.clear_mission()
+            return self._cleared
         if self._place is not None and commands.view.px4:  # the place sets its mode
             commands.go_to(now_ns, *self._place)
             return commands.accepted(dialect.MAV_CMD_DO_REPOSITION)
         assert self._mode is not None
         return commands.set_mode(now_ns, self._mode)
 
-    def _mission_is_changed(self, now_ns: int, mission: ChangeMission) -> bool:
-        if mission.do == "start":
-            return self._commands.start_mission(now_ns)
-        if self._upload is None:
-            if self._told_ns is None or now_ns - self._told_ns >= REPEAT_S * 1e9:
-                self._told_ns = now_ns
-                self._commands.clear_mission()
-            return self._cleared
-        self._commands.send_all(self._upload.poll(now_ns))
-        return self._upload.accepted
-
     def _refusal(self, waited_ns: int) -> str | None:
-        wanted: int | None = dialect.MAV_CMD_DO_SET_MODE
+        command: int | None = dialect.MAV_CMD_DO_SET_MODE
         if self._armed is not None:
-            wanted = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+            command = dialect.MAV_CMD_COMPONENT_ARM_DISARM
         elif self._mission is not None:
-            wanted = dialect.MAV_CMD_MISSION_START if self._mission.do == "start" else None
-        result = None if wanted is None else self._commands.view.acks.get(wanted)
+            command = dialect.MAV_CMD_MISSION_START if self._mission.do == "start" else None
+        result = None if command is None else self._commands.view.acks.get(command)
         if result in (dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED, dialect.MAV_RESULT_UNSUPPORTED):
             return "refused by the autopilot"
         return f"not accepted within {GIVE_UP_S:g} s" if waited_ns > GIVE_UP_S * 1e9 else None
-
-    def _repeat_place(self, now_ns: int) -> None:
-        """Repeat the place until another mode is chosen."""
-        assert self._place is not None
-        commands = self._commands
-        if self._told_ns is not None and now_ns - self._told_ns < REPEAT_S * 1e9:
-            return
-        if self._told_ns is not None and commands.view.mode != shown_mode("GUIDED", commands.view.px4):
-            self._place = None
-            return
-        self._told_ns = now_ns
-        commands.go_to(now_ns, *self._place)
 
     # Faults of the vessel's sensors, agents and links
 
     def read_fault(self, action: SwitchFault, now_ns: int) -> FaultSpec:
         """Return the fault to inject, with its times. Raises ActionError."""
-        fault = self._faults.get(action.name)
+        name = action.name
+        fault = self._faults.get(name)
         if fault is None:
-            fault = self._shipped(action.name)
-        in_force = action.name in self._injection.schedule.names_in_force()
-        if action.on == in_force:
-            raise ActionError(f"fault: {action.name} is {'in force' if in_force else 'not in force'} already")
-        return self._timed(action.name, fault, action.on, now_ns)
+            known = self.fault_names()
+            if name not in known:
+                raise ActionError(f"fault: {name!r} is neither in the profile nor shipped; use {', '.join(known)}")
+            try:
+                shipped = load_profile(f"{SHIPPED}{name}").faults or {}
+            except UserError as error:
+                raise ActionError(str(error)) from None
+            fault = next(iter(shipped.values()))
+        active = name in self._injection.schedule.names_in_force()
+        if action.on == active:
+            raise ActionError(f"fault: {name} is {'active' if active else 'not active'} already")
+        return self._timed(name, fault, action.on, now_ns)
 
     def read_link(self, action: ImpairLink, now_ns: int) -> FaultSpec:
         """Return the link fault to inject, with its times. Raises ActionError."""
@@ -242,7 +244,7 @@ class VesselOrders(Steering):
         if link is not None:
             return self._timed(name, FaultSpec(link=link), True, now_ns)
         if name not in self._injection.schedule.names_in_force():
-            raise ActionError(f"link: that to {action.link} is good already; give it loss, delay_s or cut")
+            raise ActionError(f"link: the link to {action.link} has no fault; give loss, delay_s or cut")
         return self._timed(name, self._faults[name], False, now_ns)
 
     def inject(self, name: str, fault: FaultSpec) -> None:
@@ -253,7 +255,8 @@ class VesselOrders(Steering):
     def fault_names(self) -> tuple[str, ...]:
         """Return the faults that an action can switch on by name, the profile's first."""
         own = [name for name in self._faults if not name.startswith(_LINK)]
-        return tuple(dict.fromkeys([*own, *_shipped_names()]))
+        shipped = sorted(name.removeprefix(SHIPPED) for name in shipped_profiles() if name.startswith(SHIPPED))
+        return tuple(dict.fromkeys([*own, *shipped]))
 
     def _timed(self, name: str, fault: FaultSpec, on: bool, now_ns: int) -> FaultSpec:
         now_s = now_ns / 1e9
@@ -265,18 +268,6 @@ class VesselOrders(Steering):
             raise ActionError(sentence)
         return fault
 
-    def _shipped(self, name: str) -> FaultSpec:
-        known = self.fault_names()
-        if name not in known:
-            raise ActionError(
-                f"fault: {name!r} is neither one of the profile nor a shipped one; use {', '.join(known)}"
-            )
-        try:
-            faults = load_profile(f"{SHIPPED}{name}").faults or {}
-        except UserError as error:
-            raise ActionError(str(error)) from None
-        return next(iter(faults.values()))
-
 
 _LINK = "link to "
 
@@ -284,7 +275,3 @@ _LINK = "link to "
 def link_fault_name(action: ImpairLink) -> str:
     """Return the name of the fault that an operator puts on a link."""
     return f"{_LINK}{action.link}"
-
-
-def _shipped_names() -> list[str]:
-    return sorted(name.removeprefix(SHIPPED) for name in shipped_profiles() if name.startswith(SHIPPED))

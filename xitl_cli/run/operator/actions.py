@@ -12,7 +12,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from sim_core.environment.spec import CurrentSpec, WaveSpec, WindSpec
 from sim_core.keys import Bounds, Direction, Items, Positive, Specification, SpecificationError, key_annotations
@@ -21,7 +21,6 @@ from xitl_cli.profile.files.entry import Entry, Origin, ProfileError
 from xitl_cli.profile.reader import read_group
 from xitl_cli.profile.schema.faults import AgentName, Delay, LinkFault
 
-T = TypeVar("T")
 Way = Annotated[float, Bounds(at_least=-100_000, at_most=100_000)]
 MOST_WAYPOINTS = 700  # limit of an ArduRover
 ENVIRONMENT: Mapping[str, type[Specification]] = {"wind": WindSpec, "current": CurrentSpec, "waves": WaveSpec}
@@ -65,7 +64,7 @@ class LaunchBody(Specification):
     north_m: Way
     east_m: Way
     heading_deg: Direction = 0.0
-    length_m: Annotated[Positive | None, "null: the usual one of its kind"] = None
+    length_m: Annotated[Positive | None, "null: the usual length of its kind"] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,8 +84,8 @@ class ImpairLink(Specification):
     def fault(self) -> LinkFault | None:
         """Return the fault as in a profile; None for a good link."""
         values = {key: value for key, value in asdict(self).items() if key not in ("vessel", "link")}
-        found = LinkFault(which=self.link, **values)
-        return None if found == LinkFault(which=self.link, direction=self.direction) else found
+        fault = LinkFault(which=self.link, **values)
+        return None if fault == LinkFault(which=self.link, direction=self.direction) else fault
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,52 +206,37 @@ def read_action(action: Mapping[str, Any], before: Specification | None = None) 
     Raises ActionError.
     """
     name = action_name(action)
-    given = {key: value for key, value in action.items() if key != "action"}
+    changes = {key: value for key, value in action.items() if key != "action"}
     group = GROUPS[name]
-    if name in ENVIRONMENT and not given:
-        raise ActionError(f"{name} changes nothing; give it a key of environment.{name}, such as {_first_key(group)}")
+    keys: dict[str, Any] = key_annotations(group)
+    if name in ENVIRONMENT and not changes:
+        raise ActionError(f"{name} changes nothing; give it a key of environment.{name}, such as {next(iter(keys))}")
     known: dict[str, Any] = {} if before is None else _plain(before)
-    found: Specification = _read_keys({**known, **_laid_on(known, given)}, group, name)
-    return found
-
-
-def _first_key(group: type[Specification]) -> str:
-    return next(iter(_keys(group)))
+    try:
+        values: Specification = read_group(_entry({**known, **_merged(known, changes)}), group, name)
+    except ProfileError as error:
+        sentence = error.problems[0].sentence.replace("the profile needs", "it needs")
+        if not keys:
+            sentence = sentence.replace("known keys: ", "it has no keys")
+        raise ActionError(f"{name}: {sentence}") from None
+    return values
 
 
 def _plain(value: Any) -> Any:
     """Convert groups to dicts at all levels."""
     if isinstance(value, Specification):
-        return {key: _plain(getattr(value, key)) for key in _keys(type(value))}
+        return {key: _plain(getattr(value, key)) for key in key_annotations(type(value))}
     return tuple(map(_plain, value)) if isinstance(value, tuple) else value
 
 
-def _keys(group: Any) -> dict[str, Any]:
-    return key_annotations(group)
-
-
-def _laid_on(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge `given` into `known`. Groups within a group keep the missing keys."""
+def _merged(known: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge `changes` into `known`. Groups within a group keep the missing keys."""
     return {
-        key: {**known[key], **_laid_on(known[key], value)}
+        key: {**known[key], **_merged(known[key], value)}
         if isinstance(value, Mapping) and isinstance(known.get(key), dict)
         else value
-        for key, value in given.items()
+        for key, value in changes.items()
     }
-
-
-def _read_keys(values: Mapping[str, Any], group: type[T], name: str) -> T:
-    try:
-        return read_group(_entry(values), group, name)
-    except ProfileError as error:
-        said = (
-            error.problems[0].sentence.replace("the profile needs", "it needs").replace("known keys: ", _known(group))
-        )
-        raise ActionError(f"{name}: {said}") from None
-
-
-def _known(group: type) -> str:
-    return "known keys: " if _keys(group) else "it has no keys"
 
 
 _ORIGIN = Origin("action")

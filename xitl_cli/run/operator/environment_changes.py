@@ -53,11 +53,11 @@ class EnvironmentChanges:
         group = read_action(action, getattr(self.asked, name))
         if isinstance(group, WaveSpec) and group.spectrum == "none" and group.significant_height_m:
             raise ActionError(
-                f"waves: significant_height_m = {group.significant_height_m:g} does nothing while spectrum is none; "
-                "give spectrum: jonswap too"
+                f"waves: significant_height_m = {group.significant_height_m:g} has no effect with spectrum: none; "
+                "add spectrum: jonswap"
             )
         if isinstance(group, CurrentSpec) and group.tide != self.asked.current.tide:
-            raise ActionError("current: tide cannot change during a run; leave it out")
+            raise ActionError("current: tide cannot change during a run; remove the key")
         return group
 
     def ask(self, name: str, group: Specification) -> None:

@@ -75,7 +75,7 @@ class ObstacleScore:
                 from_bow = self._gaps_m(np.array((self._half_m[0], 0.0)), (0.0, 0.0))
                 self._detected_at_m.update({body: float(from_bow[body]) for body in new})
             known = known or bool(near)
-        self._of_something[number] = known or self._vessel_near(place) or self._stands_near(place)
+        self._of_something[number] = known or self._is_near_vessel(place) or self._is_near_fixed(place)
 
     def _gaps_m(self, middle_fr_m: Array, half_m: tuple[float, float]) -> Array:
         """Return the distances (B,) in plan from a box of the vessel to the edges of the bodies.
@@ -97,7 +97,7 @@ class ObstacleScore:
         gaps: Array = np.maximum(gap - figures.radius_m, 0.0)
         return gaps
 
-    def _vessel_near(self, place_ne_m: Array) -> bool:
+    def _is_near_vessel(self, place_ne_m: Array) -> bool:
         """Whether another vessel is near a place."""
         if self._others is None:
             return False
@@ -106,7 +106,7 @@ class ObstacleScore:
         reach = [NEAR_M + np.hypot(*mesh.vertices_m[:, :2].T).max() for mesh in bodies.meshes[adrift:]]
         return bool((off < reach).any())
 
-    def _stands_near(self, place_ne_m: Array) -> bool:
+    def _is_near_fixed(self, place_ne_m: Array) -> bool:
         """Whether a fixed object rises from the water near a place, by rays from high above."""
         if self._standing is None:
             return False

@@ -14,7 +14,7 @@ from agent.wire import dialect
 from agent.wire.codec import Message
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.lidar import BodyTrack, Lidar, LidarScan, PointFates
+from sim_core.sensors.lidar import BodyTrack, Lidar, PointFates
 from sim_core.sensors.optics import Atmosphere, WaterSeen
 from sim_core.world.rays import RayCaster
 from xitl_cli.profile.schema import RunProfile
@@ -101,7 +101,15 @@ class LidarInstrument:
             self._fates[name] += count
         if self._recorder is not None:
             self._recorder.lidar_points(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
-        self._waiting.append((end_ns + self._latency_ns, cloud_messages(_cloud(self._frames, scan))))
+        cloud = PointCloud(
+            dialect.XITL_CLOUD_KIND_LIDAR,
+            self._frames,
+            scan.stamp_ns,
+            scan.points_frd_m,
+            scan.offset_s,
+            scan.intensity,
+        )
+        self._waiting.append((end_ns + self._latency_ns, cloud_messages(cloud)))
         self._frames += 1
 
 
@@ -123,10 +131,4 @@ def make_lidar(
         every=round(profile.clock.physics_rate_hz / keys.rate_hz),
         latency_ns=round(keys.latency_s * 1e9),
         rng=default_rng(seeds.sequence("lidar")),
-    )
-
-
-def _cloud(number: int, scan: LidarScan) -> PointCloud:
-    return PointCloud(
-        dialect.XITL_CLOUD_KIND_LIDAR, number, scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity
     )

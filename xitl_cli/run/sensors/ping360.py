@@ -111,13 +111,13 @@ class Ping360Device:
 
     def advance(self, now_ns: int, echo: Echo) -> list[bytes]:
         """Return the frames to send by now; `echo` is called when a ping is sent."""
-        self._go_on(now_ns, echo)
+        self._continue_job(now_ns, echo)
         while self._waiting and now_ns >= self._deaf_until_ns and (self._job is None or self._job.scan is not None):
-            self._obey(self._waiting.popleft(), now_ns)
+            self._execute(self._waiting.popleft(), now_ns)
         out, self._out = self._out, []
         return out
 
-    def _go_on(self, now_ns: int, echo: Echo) -> None:
+    def _continue_job(self, now_ns: int, echo: Echo) -> None:
         job = self._job
         if job is None:
             return
@@ -144,7 +144,7 @@ class Ping360Device:
         busy_s = _settings(state).listen_s + OVERHEAD_S if state.transmit else 0.0
         self._job = _Job(ping_ns, ping_ns + round(busy_s * 1e9), scan)
 
-    def _obey(self, frame: PingFrame, now_ns: int) -> None:
+    def _execute(self, frame: PingFrame, now_ns: int) -> None:
         if frame.destination not in (0, self._id):
             self.others += 1
         elif frame.message == wire.GENERAL_REQUEST:
@@ -160,7 +160,12 @@ class Ping360Device:
             self._power_on()
             self._deaf_until_ns = now_ns + round(RESET_S * 1e9)
         elif frame.message in (wire.SET_DEVICE_ID, wire.COMMON_SET_DEVICE_ID):
-            self._set_id(frame)
+            number = frame.payload[0] if frame.payload else 0
+            if 1 <= number <= 254:
+                self._id = number
+                self._answer(wire.ACK, wire.ack(frame.message))
+            else:
+                self._refuse(frame.message, f"id = {number}; use 1 to 254")
         else:
             self._refuse(frame.message, f"message {frame.message} is not known")
 
@@ -183,24 +188,17 @@ class Ping360Device:
         self._state = TransducerCommand(1, gain, scan.start_angle, duration, period, frequency, samples, 1)
         self._start(now_ns, scan.start_angle, scan)
 
-    def _set_id(self, frame: PingFrame) -> None:
-        new = frame.payload[0] if frame.payload else 0
-        if not 1 <= new <= 254:
-            self._refuse(frame.message, f"id = {new}; use 1 to 254")
-            return
-        self._id = new
-        self._answer(wire.ACK, wire.ack(frame.message))
-
-    def _reply(self, wanted: int | None) -> None:
-        if wanted == wire.PROTOCOL_VERSION:
-            self._answer(wanted, bytes((*PROTOCOL, 0)))
-        elif wanted == wire.DEVICE_INFORMATION:
-            self._answer(wanted, bytes((DEVICE_TYPE, 1, *FIRMWARE, 0)))
-        elif wanted == wire.DEVICE_DATA:
-            self._answer(wanted, wire.device_data(self._state, self._data))
+    def _reply(self, message: int | None) -> None:
+        if message == wire.PROTOCOL_VERSION:
+            self._answer(message, bytes((*PROTOCOL, 0)))
+        elif message == wire.DEVICE_INFORMATION:
+            self._answer(message, bytes((DEVICE_TYPE, 1, *FIRMWARE, 0)))
+        elif message == wire.DEVICE_DATA:
+            self._answer(message, wire.device_data(self._state, self._data))
+        elif message is None:
+            self._refuse(wire.GENERAL_REQUEST, "no message is named")
         else:
-            reason = "no message is named" if wanted is None else f"message {wanted} cannot be requested"
-            self._refuse(wire.GENERAL_REQUEST if wanted is None else wanted, reason)
+            self._refuse(message, f"message {message} cannot be requested")
 
     def _answer(self, message: int, payload: bytes) -> None:
         self._out.append(wire.pack_frame(PingFrame(message, self._id, 0, payload)))
@@ -271,8 +269,18 @@ class Ping360Port:
         self._loopback = SerialLoopback(PTY_BAUD)
         self.address = self._loopback.devices[1]
         if parts.path.strip("/"):
-            self._link = _linked(Path(unquote(parts.path)), self.address)
-            self.address = str(self._link)
+            link = Path(unquote(parts.path))
+            try:
+                if link.is_symlink():  # of an earlier run
+                    link.unlink()
+                link.symlink_to(self.address)
+            except OSError as error:
+                reason = error.strerror or str(error)
+                raise UserError(
+                    f"{KEY}: {link} cannot be created ({reason}); choose a path that does not exist"
+                ) from error
+            self._link = link
+            self.address = str(link)
         return open_transport(self._loopback.host_url, listen=True)
 
     def poll(self, now_ns: int, echo: Echo) -> None:
@@ -300,15 +308,3 @@ class Ping360Port:
         if self._link is not None:
             self._link.unlink(missing_ok=True)
             self._link = None
-
-
-def _linked(link: Path, device: str) -> Path:
-    """Create a link to the device. A link of an earlier run is replaced, anything else is not."""
-    try:
-        if link.is_symlink():
-            link.unlink()
-        link.symlink_to(device)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise UserError(f"{KEY}: {link} cannot be made ({reason}); name a path where nothing is yet") from error
-    return link

@@ -105,36 +105,36 @@ _COLUMNS = {
 
 def _read(log: Log, spec: RecordedSensorsSpec, frame: LocalFrame) -> Mapping[str, RecordedSamples]:
     start_ns = log.zero_ns + round(spec.from_s * 1e9)
-    found: dict[str, RecordedSamples] = {}
+    recorded: dict[str, RecordedSamples] = {}
     for sensor, columns in _COLUMNS.items():
-        asked = getattr(spec, sensor)
-        if asked == SIMULATED:
+        topic = getattr(spec, sensor)
+        if topic == SIMULATED:
             continue
-        table = _topic(log, sensor, asked, columns)
+        table = _table_of(log, sensor, topic, columns)
         if table is None:
-            found[sensor] = RecordedSamples(np.zeros(0, dtype=np.int64), lambda row: None)
+            recorded[sensor] = RecordedSamples(np.zeros(0, dtype=np.int64), lambda row: None)
             continue
         stamps = sample_stamps(table)
         order = np.argsort(stamps, kind="stable")
         order = order[stamps[order] >= start_ns]
         samples = _SAMPLES[sensor](log, table, order)
-        found[sensor] = RecordedSamples(stamps[order] - start_ns, samples)
+        recorded[sensor] = RecordedSamples(stamps[order] - start_ns, samples)
         if sensor == "gnss" and len(order):
             _check_near(log, table, order, frame)
-    if not any(len(samples.stamp_ns) for samples in found.values()):
+    if not any(len(samples.stamp_ns) for samples in recorded.values()):
         raise UserError(
-            f"{log.path}: has no samples of a sensor from {spec.from_s:g} s on; give a recording with sensor_msgs/Imu "
+            f"{log.path} has no samples of a sensor from {spec.from_s:g} s on; use a recording with sensor_msgs/Imu "
             "or NavSatFix, or another sensors.recorded.from_s"
         )
-    return found
+    return recorded
 
 
-def _topic(log: Log, sensor: str, asked: str, columns: tuple[str, ...]) -> Table | None:
-    if asked != AUTO:
-        table = log.tables.get(asked)
+def _table_of(log: Log, sensor: str, topic: str, columns: tuple[str, ...]) -> Table | None:
+    if topic != AUTO:
+        table = log.tables.get(topic)
         if table is None or not set(columns) <= set(table.columns):
             raise UserError(
-                f"{log.path}: has no {asked} with {', '.join(columns)}, which sensors.recorded.{sensor} names; "
+                f"{log.path} has no {topic} with {', '.join(columns)} for sensors.recorded.{sensor}; "
                 "`xitl logs info` lists its topics"
             )
         return table
@@ -142,7 +142,7 @@ def _topic(log: Log, sensor: str, asked: str, columns: tuple[str, ...]) -> Table
         name for name, table in log.tables.items() if "truth" not in name.lower() and set(columns) <= set(table.columns)
     ]
     if len(names) > 1:
-        raise UserError(f"{log.path}: has {', '.join(names)}; name one of them as sensors.recorded.{sensor}")
+        raise UserError(f"{log.path} has {', '.join(names)}; select one of them by sensors.recorded.{sensor}")
     return log.tables[names[0]] if names else None
 
 
@@ -156,9 +156,9 @@ def sample_stamps(table: Table) -> NDArray[np.int64]:
 
 
 def _stacked(table: Table, names: tuple[str, ...], rows: NDArray[np.intp]) -> Array:
-    found = stacked_columns(table, names)
-    assert found is not None
-    values: Array = found[rows]
+    columns = stacked_columns(table, names)
+    assert columns is not None
+    values: Array = columns[rows]
     return values
 
 
@@ -200,10 +200,10 @@ def _gnss(log: Log, table: Table, rows: NDArray[np.intp]) -> Callable[[int], Gns
     speed = np.array([USUAL_SPEED_ACCURACY_MPS])
 
     def sample(row: int) -> GnssSample:
-        one = slice(row, row + 1)
+        at = slice(row, row + 1)
         return GnssSample(
-            place[one, 0], place[one, 1], place[one, 2], velocity[one], horizontal[one], vertical[one], speed,
-            kind[one], satellites[one],
+            place[at, 0], place[at, 1], place[at, 2], velocity[at], horizontal[at], vertical[at], speed,
+            kind[at], satellites[at],
         )  # fmt: skip
 
     return sample
@@ -217,11 +217,11 @@ def fix_velocity(log: Log, table: Table, rows: NDArray[np.intp], place: Array, f
     stamps = sample_stamps(table)[rows]
     for name in log.tables:
         if name.endswith(("fix_velocity", "gps_vel", "vel")) and "truth" not in name:
-            beside = log.tables[name]
-            enu = stacked_columns(beside, tuple(f"twist.linear.{axis}" for axis in _XYZ))
+            twists = log.tables[name]
+            enu = stacked_columns(twists, tuple(f"twist.linear.{axis}" for axis in _XYZ))
             if enu is None or not len(enu):
                 continue
-            at = np.clip(np.searchsorted(sample_stamps(beside), stamps), 0, len(enu) - 1)
+            at = np.clip(np.searchsorted(sample_stamps(twists), stamps), 0, len(enu) - 1)
             near: Array = np.stack([enu[at, 1], enu[at, 0], -enu[at, 2]], axis=1)
             return np.nan_to_num(near)
     velocity: Array = np.zeros((len(rows), 3))
@@ -236,7 +236,7 @@ def fix_velocity(log: Log, table: Table, rows: NDArray[np.intp], place: Array, f
 
 def _check_finite(log: Log, table: Table, values: Array) -> None:
     if not np.isfinite(values).all():
-        raise UserError(f"{log.path}: {table.name} has samples that are no numbers; leave them out of the recording")
+        raise UserError(f"{log.path}: {table.name} has samples that are not finite; remove them from the recording")
 
 
 def _check_near(log: Log, table: Table, rows: NDArray[np.intp], frame: LocalFrame) -> None:

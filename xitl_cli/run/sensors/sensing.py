@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Protocol
 
-from numpy.random import default_rng
+from numpy.random import Generator, default_rng
 
 from agent.bridges.kinds import bridge_kinds
+from agent.wire import dialect
 from sim_core.environment.wind import Air, make_wind
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame, normal_gravity_mps2
@@ -25,7 +28,6 @@ from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.world import SiteSpec
 from xitl_cli.run.sensors import sensor_messages
-from xitl_cli.run.sensors.channel import Channel, SensorChannel, TruthChannel, VaneChannel
 from xitl_cli.run.sensors.recorded import RecordedChannel, read_samples
 from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
@@ -103,8 +105,11 @@ class SensorSuite:
 
     def recorded_report(self) -> dict[str, dict[str, dict[str, int]]]:
         """Return `recorded_sensors`: by sensor, the recorded samples that were sent, and skipped for newer ones."""
-        recorded = {name: each for name, each in self._sensors.items() if isinstance(each, RecordedChannel)}
-        counts = {name: {"sent": each.sent, "skipped": each.skipped} for name, each in recorded.items()}
+        counts = {
+            name: {"sent": channel.sent, "skipped": channel.skipped}
+            for name, channel in self._sensors.items()
+            if isinstance(channel, RecordedChannel)
+        }
         return {"recorded_sensors": counts} if counts else {}
 
     def set_fault(self, name: str, fault: FaultSpec) -> None:
@@ -174,3 +179,96 @@ def _further_channels(
             vane = VaneChannel(mast, default_rng(seeds.sequence("wind vane")), physics_hz)
             yield vane
         yield TruthChannel(round(physics_hz / profile.clock.exchange_rate_hz), vane)
+
+
+class Channel(Protocol):
+    """One kind of message."""
+
+    every: int
+    """Physics steps between messages."""
+    latency_ns: int
+    """Delay of the delivery."""
+
+    def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> Message | None:
+        """Return the measurement now; None without a message."""
+
+
+class SensorChannel:
+    """One sensor, its state and random generator, its faults, and the encoding of its sample.
+
+    The sensor continues to measure during a fault, so that samples after the fault are the same as without it.
+    """
+
+    def __init__(
+        self,
+        sensor: Any,
+        rng: Generator,
+        physics_rate_hz: float,
+        encode: Callable[[int, Any], Message],
+        faults: SensorFaults | None = None,
+    ) -> None:
+        self.every = round(physics_rate_hz / sensor.spec.rate_hz)
+        self.latency_ns = round(sensor.spec.latency_s * 1e9)
+        self.faults = faults or None
+        self._sensor = sensor
+        self._rng = rng
+        self._state = sensor.initial(1, rng)
+        self._encode = encode
+
+    def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> Message | None:
+        self._state, sample = self._sensor.measure(self._state, motion, self._rng)
+        if self.faults is not None:
+            sample = self.faults.applied(stamp_ns, sample)
+            if sample is None:
+                return None
+        return self._encode(stamp_ns // 1000, sample)
+
+
+UNKNOWN_WIND_MPS = -1.0
+
+
+class TruthChannel:
+    """XITL_TRUTH every `every` physics steps, for the instant of the step and without delay."""
+
+    latency_ns = 0
+
+    def __init__(self, every: int, vane: VaneChannel | None = None) -> None:
+        self.every = every
+        self._vane = vane
+
+    def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> Message:
+        wind = (UNKNOWN_WIND_MPS, 0.0) if self._vane is None else self._vane.latest(stamp_ns)
+        return dialect.MAVLink_xitl_truth_message(
+            stamp_ns // 1000,
+            motion.pos_ned_m[0].tolist(),
+            motion.vel_ned_mps[0].tolist(),
+            motion.quat_ned_frd[0].tolist(),
+            motion.gyro_frd_radps[0].tolist(),
+            *wind,
+        )
+
+
+class VaneChannel:
+    """The wind vane. It has no separate message: the truth message carries its newest delivered sample."""
+
+    latency_ns = 0
+
+    def __init__(self, vane: WindVane, rng: Generator, physics_rate_hz: float) -> None:
+        self.every = round(physics_rate_hz / vane.spec.rate_hz)
+        self._vane = vane
+        self._rng = rng
+        self._state = vane.initial(1, rng)
+        self._latency_ns = round(vane.spec.latency_s * 1e9)
+        self._waiting: deque[tuple[int, float, float]] = deque()
+        self._latest = (UNKNOWN_WIND_MPS, 0.0)
+
+    def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> None:
+        self._state, sample = self._vane.measure(self._state, motion, air_ned_mps, self._rng)
+        delivered_ns = stamp_ns + self._latency_ns
+        self._waiting.append((delivered_ns, float(sample.speed_mps[0]), float(sample.direction_rad[0])))
+
+    def latest(self, now_ns: int) -> tuple[float, float]:
+        """Return speed in m/s, below 0 before the first sample, and direction in rad from the bow."""
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            self._latest = self._waiting.popleft()[1:]
+        return self._latest

@@ -58,16 +58,16 @@ class SensorFaults:
 
         Biases add up. A frozen sensor repeats the last sample before the fault, or its first sample.
         """
-        in_force = [fault for fault in self._faults.values() if fault.from_ns <= stamp_ns < fault.until_ns]
-        for fault in in_force:
+        active = [fault for fault in self._faults.values() if fault.from_ns <= stamp_ns < fault.until_ns]
+        for fault in active:
             sample = fault.biased(stamp_ns, sample)
-        frozen = [fault for fault in in_force if fault.freezes]
+        frozen = [fault for fault in active if fault.freezes]
         for fault in frozen:
             fault.count("frozen")
         if frozen and self._kept is not None:
             sample = self._kept
         self._kept = sample
-        lost = [fault.drops() for fault in in_force]
+        lost = [fault.drops() for fault in active]
         return None if any(lost) else sample
 
 
@@ -75,11 +75,11 @@ class _SensorFault:
     def __init__(
         self, name: str, sensor: str, fault: FaultSpec, seeds: Seeds, frame: LocalFrame, counts: dict[str, int]
     ) -> None:
-        what: SensorFault = getattr(fault, sensor)
+        sensor_fault: SensorFault = getattr(fault, sensor)
         self.from_ns, self.until_ns = span_ns(fault)
-        self.freezes = what.freeze
-        self._dropout = what.dropout
-        self._bias = _bias(what, frame)
+        self.freezes = sensor_fault.freeze
+        self._dropout = sensor_fault.dropout
+        self._bias = _bias(sensor_fault, frame)
         self._sensor = sensor
         self._counts = counts
         self._rng = default_rng(seeds.sequence(f"faults/{name}/{sensor}"))
@@ -96,8 +96,8 @@ class _SensorFault:
         self.count("dropped")
         return True
 
-    def count(self, what: str) -> None:
-        key = f"{self._sensor}_{what}"
+    def count(self, effect: str) -> None:
+        key = f"{self._sensor}_{effect}"
         self._counts[key] = self._counts.get(key, 0) + 1
 
 

@@ -121,10 +121,10 @@ class SonarInstrument:
 
     def report(self) -> dict[str, Any]:
         """Return `pings`: pings sent; `echoes`: echoes detected in them; `serve`: counts of the served device."""
-        said: dict[str, Any] = {"pings": self._pings, "echoes": self._echoes}
+        report: dict[str, Any] = {"pings": self._pings, "echoes": self._echoes}
         if self._port is not None:
-            said["serve"] = {"address": self._port.address, **self._port.counts()}
-        return said
+            report["serve"] = {"address": self._port.address, **self._port.counts()}
+        return report
 
     def close(self) -> None:
         """Release the device's line."""

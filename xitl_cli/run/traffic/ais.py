@@ -7,7 +7,7 @@ NMEA 0183 as the gpsd project describes them (AIVDM/AIVDO protocol decoding).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import xor
@@ -182,15 +182,10 @@ def _text(text: str, characters: int) -> Sequence[tuple[int, int]]:
 def _payload(*fields: tuple[int, int]) -> AisPayload:
     """Return the armoured payload, from the widths and values of the fields; negative values in two's complement."""
     bits = sum(width for width, _ in fields)
-    value = _joined(fields)
+    value = 0
+    for width, field in fields:
+        value = value << width | field & (1 << width) - 1
     fill_bits = -bits % 6
     value <<= fill_bits
     sixes = [value >> at & 0x3F for at in range(bits + fill_bits - 6, -1, -6)]
     return AisPayload("".join(chr(six + 48 if six < 40 else six + 56) for six in sixes), fill_bits)
-
-
-def _joined(fields: Iterable[tuple[int, int]]) -> int:
-    value = 0
-    for width, field in fields:
-        value = value << width | field & (1 << width) - 1
-    return value

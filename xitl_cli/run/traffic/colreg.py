@@ -65,7 +65,7 @@ def encounter_geometry(
     seen = (_degrees(bearing_rad - headings_rad[0]), _degrees(bearing_rad + math.pi - headings_rad[1]))
     astern = [abs(bearing) > ABAFT_DEG for bearing in seen]  # whether the other approaches from astern
     if any(astern):
-        overtaken = astern.index(True) if not all(astern) else min((0, 1), key=lambda one: speeds_mps[one])
+        overtaken = astern.index(True) if not all(astern) else min((0, 1), key=lambda vessel: speeds_mps[vessel])
         return EncounterGeometry("overtaking", (1 - overtaken,), seen)
     from_reciprocal = _degrees(headings_rad[0] - headings_rad[1] + math.pi)
     ahead = all(abs(angle) <= NEARLY_DEG for angle in (*seen, from_reciprocal))

@@ -93,13 +93,14 @@ class ClosestApproach:
     @property
     def gives_way(self) -> tuple[str, ...]:
         """Names of the vessels that give way."""
-        return () if self.geometry is None else tuple((self.first, self.second)[one] for one in self.geometry.gives_way)
+        geometry, names = self.geometry, (self.first, self.second)
+        return () if geometry is None else tuple(names[number] for number in geometry.gives_way)
 
     @property
     def stands_on(self) -> str | None:
         """Name of the vessel that keeps course and speed."""
-        one = None if self.geometry is None else self.geometry.stands_on
-        return None if one is None else (self.first, self.second)[one]
+        number = None if self.geometry is None else self.geometry.stands_on
+        return None if number is None else (self.first, self.second)[number]
 
 
 class PairState(NamedTuple):
@@ -158,7 +159,7 @@ class EncounterWatch:
         nearest_m, nearest_s = np.sqrt(np.vecdot(nearest, nearest)), before_s + share * (now_s - before_s)
         closer = nearest_m < self._distance_m
         self._distance_m[closer], self._at_s[closer] = nearest_m[closer], nearest_s[closer]
-        self._look_at_hulls(nearest_m, nearest_s, share, (before_m, pos_ne_m), (before_rad, yaw_rad))
+        self._update_hulls(nearest_m, nearest_s, share, (before_m, pos_ne_m), (before_rad, yaw_rad))
 
         # Risk of collision, with constant velocities.
         speed2 = np.vecdot(rate_mps, rate_mps)
@@ -181,13 +182,18 @@ class EncounterWatch:
         self._under_way = (self._under_way | begun) & ~passed
         for pair in np.flatnonzero(begun).tolist():
             if pair not in self._detected:
-                self._detected[pair] = now_s, self._geometry(pair, pos_ne_m, vel_ne_mps, yaw_rad)
-        told = sorted({*events, *np.flatnonzero(self._under_way).tolist()})
+                both = [int(self.first[pair]), int(self.second[pair])]
+                (north0, east0), (north1, east1) = pos_ne_m[both].tolist()
+                yaw0, yaw1 = yaw_rad[both].tolist()
+                speed0, speed1 = np.hypot(*vel_ne_mps[both].T).tolist()
+                geometry = encounter_geometry(((north0, east0), (north1, east1)), (yaw0, yaw1), (speed0, speed1))
+                self._detected[pair] = now_s, geometry
+        reported = sorted({*events, *np.flatnonzero(self._under_way).tolist()})
         return [
             PairState(
                 pair, events.get(pair), *(float(of[pair]) for of in (distance_m, closing_mps, predicted_m, ahead_s))
             )
-            for pair in told
+            for pair in reported
         ]
 
     def approach(self, pair: int) -> ClosestApproach:
@@ -209,14 +215,14 @@ class EncounterWatch:
         """Return the closest approaches of all pairs, empty before the first update."""
         return [] if self._last is None else [self.approach(pair) for pair in range(len(self.first))]
 
-    def _look_at_hulls(
+    def _update_hulls(
         self, nearest_m: Array, nearest_s: Array, share: Array, places: tuple[Array, Array], yaws: tuple[Array, Array]
     ) -> None:
         """Compute hull distances only for pairs that can be nearer than before."""
-        looked = np.flatnonzero(nearest_m - self._reach_m < self._hull_m)
-        if not len(looked):
+        pairs = np.flatnonzero(nearest_m - self._reach_m < self._hull_m)
+        if not len(pairs):
             return
-        first, second, part = self.first[looked], self.second[looked], share[looked]
+        first, second, part = self.first[pairs], self.second[pairs], share[pairs]
         turn = np.remainder(yaws[1] - yaws[0] + np.pi, 2.0 * np.pi) - np.pi
         where = [
             (
@@ -226,15 +232,8 @@ class EncounterWatch:
             for numbers in (first, second)
         ]
         hull_m = self._hulls.distance_m(first, second, (where[0][0], where[1][0]), (where[0][1], where[1][1]))
-        nearer = hull_m < self._hull_m[looked]
-        self._hull_m[looked[nearer]], self._hull_at_s[looked[nearer]] = hull_m[nearer], nearest_s[looked[nearer]]
-
-    def _geometry(self, pair: int, pos_ne_m: Array, vel_ne_mps: Array, yaw_rad: Array) -> EncounterGeometry:
-        both = [int(self.first[pair]), int(self.second[pair])]
-        (north0, east0), (north1, east1) = pos_ne_m[both].tolist()
-        yaw0, yaw1 = yaw_rad[both].tolist()
-        speed0, speed1 = np.hypot(*vel_ne_mps[both].T).tolist()
-        return encounter_geometry(((north0, east0), (north1, east1)), (yaw0, yaw1), (speed0, speed1))
+        nearer = hull_m < self._hull_m[pairs]
+        self._hull_m[pairs[nearer]], self._hull_at_s[pairs[nearer]] = hull_m[nearer], nearest_s[pairs[nearer]]
 
 
 def _turned(axes_frd_m: Array, yaw_rad: Array) -> Array:

@@ -116,15 +116,19 @@ class LeaderTrack:
         step_m = math.dist(last.pos_ne_m, report.pos_ne_m)
         if step_m >= STEP_M and self.moving:
             self._points.append(TrackPoint(report.pos_ne_m, speed_mps, last.along_m + step_m))
-            self._forget()
+            # Drop the track that lies farther back than the place and a follower that has fallen behind.
+            needed_m = self._points[-1].along_m - max(-self._forward_m, 0.0) - KEPT_M
+            while len(self._points) > 2 and self._points[1].along_m <= needed_m:
+                self._points.popleft()
         elif step_m >= STEP_M:
             north_m, east_m = report.pos_ne_m[0] - last.pos_ne_m[0], report.pos_ne_m[1] - last.pos_ne_m[1]
             self._points = deque(
-                one._replace(pos_ne_m=(one.pos_ne_m[0] + north_m, one.pos_ne_m[1] + east_m)) for one in self._points
+                point._replace(pos_ne_m=(point.pos_ne_m[0] + north_m, point.pos_ne_m[1] + east_m))
+                for point in self._points
             )
         if self.moving and speed_mps > STOPPED_MPS:
             smoothed = -math.expm1(-dt_s / COURSE_SMOOTHED_S)
-            course = [one + (way / speed_mps - one) * smoothed for one, way in zip(self._course, rate, strict=True)]
+            course = [old + (way / speed_mps - old) * smoothed for old, way in zip(self._course, rate, strict=True)]
             length = math.hypot(*course)
             self._course = (course[0] / length, course[1] / length) if length > 1e-6 else self._course
 
@@ -137,7 +141,13 @@ class LeaderTrack:
         if report is None:
             return None
         moves = self.moving and (now_ns - report.at_ns) * 1e-9 < SILENT_S
-        along_m = (self._leader_along_m(now_ns) if moves else self._points[-1].along_m) + self._forward_m
+        last = self._points[-1]
+        leader_along_m = last.along_m
+        if moves:
+            place = report.carried_on(now_ns).pos_ne_m
+            off = place[0] - last.pos_ne_m[0], place[1] - last.pos_ne_m[1]
+            leader_along_m += max(off[0] * self._course[0] + off[1] * self._course[1], 0.0)
+        along_m = leader_along_m + self._forward_m
         pos, _ = self._at(along_m)
         if not moves:
             return FormationPlace(pos, along_m, 0.0)
@@ -150,31 +160,25 @@ class LeaderTrack:
         end = self._points[-1]
         ahead = TrackPoint(_moved(end.pos_ne_m, self._course, KEPT_M), math.inf, end.along_m + KEPT_M)
         points = [*self._points, ahead]
-        for one, other in pairwise(points):
-            length = other.along_m - one.along_m
-            way = _unit(one.pos_ne_m, other.pos_ne_m, length)
-            start = _moved(one.pos_ne_m, (-way[1], way[0]), self._starboard_m)
+        for point, following in pairwise(points):
+            length = following.along_m - point.along_m
+            way = _unit(point.pos_ne_m, following.pos_ne_m, length)
+            start = _moved(point.pos_ne_m, (-way[1], way[0]), self._starboard_m)
             off = pos_ne_m[0] - start[0], pos_ne_m[1] - start[1]
             gone_m = min(max(off[0] * way[0] + off[1] * way[1], 0.0), length)
             beside = off[0] - gone_m * way[0], off[1] - gone_m * way[1]
             square = beside[0] * beside[0] + beside[1] * beside[1]
             if square <= nearest_m2:  # of equally near places, the one farther on
-                nearest_m2, along_m = square, one.along_m + gone_m
+                nearest_m2, along_m = square, point.along_m + gone_m
                 left_m = way[1] * beside[0] - way[0] * beside[1]
         here, middle, aim = (self._at(along_m + share * LOOKAHEAD_M)[0] for share in (0.0, 0.5, 1.0))
         way, further = _unit(here, middle, math.dist(here, middle)), _unit(middle, aim, math.dist(middle, aim))
         slowest_mps = math.inf
         if way[0] * further[0] + way[1] * further[1] < STRAIGHT:
             first_m, last_m = along_m - STEP_M, along_m + BRAKING_M
-            slowest_mps = min((one.speed_mps for one in points if first_m <= one.along_m <= last_m), default=math.inf)
+            speeds_mps = [point.speed_mps for point in points if first_m <= point.along_m <= last_m]
+            slowest_mps = min(speeds_mps, default=math.inf)
         return TrackPursuit(along_m, left_m, aim, slowest_mps)
-
-    def _leader_along_m(self, now_ns: int) -> float:
-        assert self._report is not None
-        last = self._points[-1]
-        place = self._report.carried_on(now_ns).pos_ne_m
-        off = place[0] - last.pos_ne_m[0], place[1] - last.pos_ne_m[1]
-        return last.along_m + max(off[0] * self._course[0] + off[1] * self._course[1], 0.0)
 
     def _at(self, along_m: float) -> tuple[Point, Point]:
         """Return the place of the track with its offset to starboard, and the direction there."""
@@ -190,12 +194,6 @@ class LeaderTrack:
                         break
                 newer = point
         return _moved(pos, (-way[1], way[0]), self._starboard_m), way
-
-    def _forget(self) -> None:
-        """Drop the track that lies farther back than the place and a follower that has fallen behind."""
-        needed_m = self._points[-1].along_m - max(-self._forward_m, 0.0) - KEPT_M
-        while len(self._points) > 2 and self._points[1].along_m <= needed_m:
-            self._points.popleft()
 
 
 class FollowLaw:

@@ -81,12 +81,12 @@ def ais_vessel(position: AisPosition, static: AisStatic | None) -> Any:
     if position.turn_rate_degpmin is not None:
         turn_ddegps = round(min(max(position.turn_rate_degpmin / 6.0, -126.0), 126.0))
         flags |= dialect.AIS_FLAGS_VALID_TURN_RATE
-    what = static or AisStatic(position.mmsi)
-    ends = what.dimensions
+    vessel = static or AisStatic(position.mmsi)
+    ends = vessel.dimensions
     if min(ends.bow_m, ends.stern_m, ends.port_m, ends.starboard_m) > 0:
         flags |= dialect.AIS_FLAGS_VALID_DIMENSIONS
-    flags |= dialect.AIS_FLAGS_VALID_CALLSIGN if what.callsign else 0
-    flags |= dialect.AIS_FLAGS_VALID_NAME if what.name else 0
+    flags |= dialect.AIS_FLAGS_VALID_CALLSIGN if vessel.callsign else 0
+    flags |= dialect.AIS_FLAGS_VALID_NAME if vessel.name else 0
     return dialect.MAVLink_ais_vessel_message(
         position.mmsi,
         _e7(position.lat_deg, 91.0),
@@ -96,13 +96,13 @@ def ais_vessel(position: AisPosition, static: AisStatic | None) -> Any:
         round(tenths * KNOT_MPS * 10.0),
         turn_ddegps,
         position.status,
-        what.ship_type,
+        vessel.ship_type,
         ends.bow_m,
         ends.stern_m,
         ends.port_m,
         ends.starboard_m,
-        what.callsign.upper().encode("ascii", "replace"),
-        what.name.upper().encode("ascii", "replace"),
+        vessel.callsign.upper().encode("ascii", "replace"),
+        vessel.name.upper().encode("ascii", "replace"),
         0,
         flags,
     )

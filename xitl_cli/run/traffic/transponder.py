@@ -117,18 +117,10 @@ class Transponder:
                 return []
         begins = self._spoke_ns is None
         self._spoke_ns = now_ns
-        sent = [AisTransmission(self._class, self._position(now_ns, report), report.pos_ne_m)]
-        if begins or now_ns - self._static_ns >= STATIC_S * 1e9:
-            self._static_ns = now_ns
-            sent.append(AisTransmission(self._class, self.vessel, report.pos_ne_m))
-        self.sent += len(sent)
-        return sent
-
-    def _position(self, now_ns: int, report: SelfReport) -> AisPosition:
         lat, lon, _ = self._frame.geodetic(np.array([[*report.pos_ne_m, 0.0]]))
         north_mps, east_mps = report.vel_ne_mps
         speed_mps = math.hypot(north_mps, east_mps)
-        return AisPosition(
+        position = AisPosition(
             self.vessel.mmsi,
             float(lat[0]),
             float(lon[0]),
@@ -140,3 +132,9 @@ class Transponder:
             now_ns // 1_000_000_000 % 60,
             UNDER_WAY if report.armed else MOORED,
         )
+        sent = [AisTransmission(self._class, position, report.pos_ne_m)]
+        if begins or now_ns - self._static_ns >= STATIC_S * 1e9:
+            self._static_ns = now_ns
+            sent.append(AisTransmission(self._class, self.vessel, report.pos_ne_m))
+        self.sent += len(sent)
+        return sent

@@ -52,20 +52,20 @@ class Collisions:
     def add(self, stamp_ns: int, contacts: Contacts) -> list[Collision]:
         """Add the contacts of one step; returns the collisions that begin with it."""
         began = []
-        for what in dict.fromkeys(contacts.what):
-            rows = [number for number, name in enumerate(contacts.what) if name == what]
+        for body in dict.fromkeys(contacts.what):
+            rows = [number for number, name in enumerate(contacts.what) if name == body]
             force = contacts.force_ned_n[rows].sum(axis=0)
             force_n = float(math.sqrt(force @ force))
             closing_mps = float(contacts.closing_mps[rows].max())
             impulse_ns = float(contacts.impulse_ns[rows].sum())
             place = contacts.place_ned_m[rows].mean(axis=0)
-            known = self._open.get(what)
+            known = self._open.get(body)
             if known is None or stamp_ns - known.latest_ns > APART_NS:
                 north, east, _ = place.tolist()
                 known = Collision(
-                    what, stamp_ns, stamp_ns, max(closing_mps, 0.0), place, (north, east), 0.0, 0.0, 0.0, 0.0
+                    body, stamp_ns, stamp_ns, max(closing_mps, 0.0), place, (north, east), 0.0, 0.0, 0.0, 0.0
                 )
-                self._open[what] = known
+                self._open[body] = known
                 self._all.append(known)
                 began.append(known)
             known.latest_ns, known.place_ned_m, known.force_n = stamp_ns, place, force_n

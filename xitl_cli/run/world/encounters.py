@@ -18,7 +18,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from sim_core.environment.spec import Water
-from sim_core.world.debris import USUAL_LENGTH_M, Body, BodyKind, Launch, make_body
+from sim_core.world.debris import USUAL_LENGTH_M, BodyKind, Launch, make_body
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile.schema.world import EncountersSpec
 
@@ -149,7 +149,13 @@ class DebrisEncounters:
         drift_m = left_s * (current + body.swim_mps * heading)
         steps = int(np.hypot(*drift_m) / CLEAR_M) + 1
         way = meeting - np.linspace(0.0, 1.0, steps + 1)[:, None] * drift_m
-        free = self._has_room(way, body)
+        free = np.ones(len(way), dtype=bool_)  # whether the body would float freely at each place
+        around_m = body.half_axis_m + body.radius_m + CLEAR_M
+        standing, bed = self._waterway.standing, self._waterway.bed
+        if len(standing):
+            free &= standing.distance_m(way).min(axis=1) > around_m
+        if bed is not None:
+            free &= bed.bed_down_m(way) - self._water_down_m() > body.draught_m + CLEAR_M
         if not free[0]:
             return None
         north, east = way[-1 if free.all() else int(free.argmin()) - 1].tolist()
@@ -164,14 +170,3 @@ class DebrisEncounters:
 
     def _water_down_m(self) -> float:
         return -(self._water.level_m + self._tide_m())
-
-    def _has_room(self, places_ne_m: Array, body: Body) -> NDArray[bool_]:
-        """(P,): whether the body would float freely at (P, 2) places."""
-        around_m = body.half_axis_m + body.radius_m + CLEAR_M
-        standing, bed = self._waterway.standing, self._waterway.bed
-        free = np.ones(len(places_ne_m), dtype=bool_)
-        if len(standing):
-            free &= standing.distance_m(places_ne_m).min(axis=1) > around_m
-        if bed is not None:
-            free &= bed.bed_down_m(places_ne_m) - self._water_down_m() > body.draught_m + CLEAR_M
-        return free

@@ -61,21 +61,19 @@ class Plant:
             self._commands = commands
             self._motors = simulation.by_model(commands) if isinstance(simulation, Fleet) else np.array(commands)
         self.state = self._step(simulation, before, self._motors, self._rng)
-        held = [vessel for vessel in self.vessels if vessel.held]
-        if held:
-            self._hold(held, before)
-        return self.state
-
-    def _hold(self, vessels: Sequence[PlantView], before: SimulationState | FleetState) -> None:
-        for vessel in vessels:
+        frozen = [vessel for vessel in self.vessels if vessel.held]
+        if not frozen:
+            return self.state
+        for vessel in frozen:
             vessel.held_steps += 1
         if isinstance(self.state, SimulationState):
             assert isinstance(before, SimulationState)
             self.state = replace(self.state, vessel=before.vessel)
         else:
-            assert isinstance(self.simulation, Fleet)
+            assert isinstance(simulation, Fleet)
             assert isinstance(before, FleetState)
-            self.state = fleets.held(self.simulation, self.state, before, [vessel.number for vessel in vessels])
+            self.state = fleets.held(simulation, self.state, before, [vessel.number for vessel in frozen])
+        return self.state
 
     def launch(self, body: Launch) -> None:
         """Add one drifting body. Raises ValueError for an impossible length."""
@@ -112,7 +110,8 @@ class Plant:
         fluctuation = fluctuate(now, len(now.wind.veer_rad), self._rng)
         if fluctuation is not now:
             if isinstance(state, FleetState):
-                state = replace(state, batches=tuple(replace(one, environment=fluctuation) for one in state.batches))
+                batches = tuple(replace(batch, environment=fluctuation) for batch in state.batches)
+                state = replace(state, batches=batches)
             self.state = replace(state, environment=fluctuation)
         self._show_simulation()
 
@@ -120,7 +119,7 @@ class Plant:
         """Set another waterway to collide with from the next step on."""
         simulation = self.simulation
         if isinstance(simulation, Fleet):
-            batches = tuple(replace(one, waterway=waterway) for one in simulation.batches)
+            batches = tuple(replace(batch, waterway=waterway) for batch in simulation.batches)
             self.simulation = replace(simulation, batches=batches)
         else:
             self.simulation = replace(simulation, waterway=waterway)

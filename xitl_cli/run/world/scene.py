@@ -6,18 +6,17 @@ Debris is drawn once, each body in a separate frame that moves with it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from foxglove import messages
 
 from sim_core import frames
 from sim_core.vessel.sections import hull_shape
-from sim_core.vessel.spec import DemiHull, Propeller, Rudder, VesselSpec
+from sim_core.vessel.spec import DemiHull, Propeller, VesselSpec
 from sim_core.world.debris import Body, BodyKind
 from sim_core.world.geometry import MATERIALS, Mesh
 from sim_core.world.river import RiverBed
-from sim_core.world.spec import DamSpec
 from sim_core.world.structures import LogBoom
 from sim_core.world.traffic import ScriptedVessel
 from xitl_cli.profile.schema import RunProfile
@@ -63,20 +62,20 @@ _BODY_COLOURS = {
 def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.SceneUpdate:
     """Return one update with everything that does not move in its frame. profiles: one for each vessel."""
     profile = profiles[0]
-    entities = [
-        entity
-        for each in profiles
-        for entity in (
-            _mission(each, [(each.mission.start.north_m, each.mission.start.east_m), *each.mission.course_ned_m]),
-            _vessel(each.vehicle, each.vessel),
-            *([_propellers(each.vehicle, each.vessel)] if each.vehicle.propellers else []),
-        )
-    ]
+    entities = []
+    for of_vessel in profiles:
+        mission = of_vessel.mission
+        entities.append(_mission(of_vessel, [(mission.start.north_m, mission.start.east_m), *mission.course_ned_m]))
+        entities += _vessel(of_vessel.vehicle, of_vessel.vessel)
     entities.append(_water(profiles))
     if scenery.boom is not None:
         entities.append(_log_boom(scenery.boom))
-    if profile.world.dam is not None and profile.world.dam.intakes is None:
-        entities.append(_dam(profile.world.dam))
+    dam = profile.world.dam
+    if dam is not None and dam.intakes is None:
+        length, width, height = dam.size_m
+        pose = _pose(_enu(*dam.centre_ned_m), _quaternion(yaw_rad=math.radians(90.0 - dam.heading_deg)))
+        box = messages.CubePrimitive(pose=pose, size=messages.Vector3(x=length, y=width, z=height), color=_CONCRETE)
+        entities.append(messages.SceneEntity(frame_id=MAP_FRAME, id="dam", cubes=[box]))
     entities += _land(profile, scenery)
     return messages.SceneUpdate(entities=entities)
 
@@ -114,7 +113,8 @@ def _mission(profile: RunProfile, places_ne_m: Sequence[tuple[float, float]]) ->
     return messages.SceneEntity(frame_id=MAP_FRAME, id=name, lines=[line], cylinders=circles)
 
 
-def _vessel(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
+def _vessel(vehicle: VesselSpec, name: str) -> Iterator[messages.SceneEntity]:
+    """Yield hulls, rudders and deck, then the propellers in their order, so that a viewer can turn them."""
     cylinders, cubes, triangles = [], [], []
     for hull in vehicle.demi_hulls:
         drawn = _hull(hull)
@@ -124,27 +124,45 @@ def _vessel(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
             cubes.append(drawn)
         else:
             triangles.append(drawn)
-    cubes += [_rudder(rudder) for rudder in vehicle.rudders]
-    if len(vehicle.demi_hulls) > 1:
-        cubes.append(_deck(vehicle))
-    return messages.SceneEntity(
-        frame_id=vessel_name(VESSEL_FRAME, name),
+    for rudder in vehicle.rudders:
+        forward, right, down = rudder.position_frd_m
+        chord_m = math.sqrt(rudder.area_m2 / rudder.aspect_ratio)
+        cubes.append(
+            messages.CubePrimitive(
+                pose=_pose((forward, -right, -down)),
+                size=messages.Vector3(x=chord_m, y=0.12 * chord_m, z=rudder.aspect_ratio * chord_m),
+                color=_DARK,
+            )
+        )
+    hulls = vehicle.demi_hulls
+    if len(hulls) > 1:  # the deck between the axes of the outermost hulls, on the lowest of all
+        sides = [-hull.keel_frd_m[1] for hull in hulls]
+        top = min(hull.height_m - hull.keel_frd_m[2] for hull in hulls)
+        cubes.append(
+            messages.CubePrimitive(
+                pose=_pose((vehicle.midship_frd_x_m, 0.5 * (max(sides) + min(sides)), top)),
+                size=messages.Vector3(
+                    x=0.6 * min(hull.length_m for hull in hulls),
+                    y=max(sides) - min(sides),
+                    z=0.15 * min(hull.height_m for hull in hulls),
+                ),
+                color=_DARK,
+            )
+        )
+    frame = vessel_name(VESSEL_FRAME, name)
+    yield messages.SceneEntity(
+        frame_id=frame,
         id=vessel_name("vessel", name),
         frame_locked=True,
         cylinders=cylinders,
         cubes=cubes,
         triangles=triangles,
     )
-
-
-def _propellers(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
-    """Draw the propellers in their order, so that a viewer can turn them."""
-    return messages.SceneEntity(
-        frame_id=vessel_name(VESSEL_FRAME, name),
-        id=vessel_name("propellers", name),
-        frame_locked=True,
-        cylinders=[_propeller(propeller, vehicle.length_m) for propeller in vehicle.propellers],
-    )
+    if vehicle.propellers:
+        discs = [_propeller(propeller, vehicle.length_m) for propeller in vehicle.propellers]
+        yield messages.SceneEntity(
+            frame_id=frame, id=vessel_name("propellers", name), frame_locked=True, cylinders=discs
+        )
 
 
 _ALONG_PITCH_RAD = math.pi / 2
@@ -198,37 +216,12 @@ def _propeller(propeller: Propeller, length_m: float) -> messages.CylinderPrimit
     )
 
 
-def _rudder(rudder: Rudder) -> messages.CubePrimitive:
-    forward, right, down = rudder.position_frd_m
-    chord_m = math.sqrt(rudder.area_m2 / rudder.aspect_ratio)
-    return messages.CubePrimitive(
-        pose=_pose((forward, -right, -down)),
-        size=messages.Vector3(x=chord_m, y=0.12 * chord_m, z=rudder.aspect_ratio * chord_m),
-        color=_DARK,
-    )
-
-
-def _deck(vehicle: VesselSpec) -> messages.CubePrimitive:
-    """Draw the deck between the axes of the outermost hulls, on the lowest of all."""
-    hulls = vehicle.demi_hulls
-    sides = [-hull.keel_frd_m[1] for hull in hulls]
-    top = min(hull.height_m - hull.keel_frd_m[2] for hull in hulls)
-    return messages.CubePrimitive(
-        pose=_pose((vehicle.midship_frd_x_m, 0.5 * (max(sides) + min(sides)), top)),
-        size=messages.Vector3(
-            x=0.6 * min(hull.length_m for hull in hulls),
-            y=max(sides) - min(sides),
-            z=0.15 * min(hull.height_m for hull in hulls),
-        ),
-        color=_DARK,
-    )
-
-
 def _water(profiles: Sequence[RunProfile], tide_m: float = 0.0) -> messages.SceneEntity:
     profile = profiles[0]
     places = []
-    for each in profiles:
-        places += [*each.mission.course_ned_m, (each.mission.start.north_m, each.mission.start.east_m)]
+    for of_vessel in profiles:
+        mission = of_vessel.mission
+        places += [*mission.course_ned_m, (mission.start.north_m, mission.start.east_m)]
     if profile.world.log_boom is not None:
         boom = profile.world.log_boom
         places += [(point[0], point[1]) for point in boom.anchors_ne_m or boom.points_ned_m or ()]
@@ -271,13 +264,6 @@ def _log_boom(boom: LogBoom) -> messages.SceneEntity:
     return messages.SceneEntity(frame_id=MAP_FRAME, id="log boom", cylinders=floats)
 
 
-def _dam(dam: DamSpec) -> messages.SceneEntity:
-    length, width, height = dam.size_m
-    pose = _pose(_enu(*dam.centre_ned_m), _quaternion(yaw_rad=math.radians(90.0 - dam.heading_deg)))
-    box = messages.CubePrimitive(pose=pose, size=messages.Vector3(x=length, y=width, z=height), color=_CONCRETE)
-    return messages.SceneEntity(frame_id=MAP_FRAME, id="dam", cubes=[box])
-
-
 def _enu(north: float, east: float, down: float) -> tuple[float, float, float]:
     x, y, z = frames.ned_to_enu(np.array([north, east, down])).tolist()
     return x, y, z
@@ -309,25 +295,27 @@ def _land(profile: RunProfile, scenery: Scenery) -> list[messages.SceneEntity]:
             continue
         if len(part.mesh.faces) > MOST_DRAWN:
             scenery.warn(
-                f"{part.name} has {len(part.mesh.faces)} triangles and is not drawn in the recording; rays do meet it"
+                f"{part.name} has {len(part.mesh.faces)} triangles and is not drawn in the recording; sensors detect it"
             )
             continue
         by_name.setdefault(part.name, []).append(part.mesh)
-    return [
-        messages.SceneEntity(frame_id=MAP_FRAME, id=name, triangles=[_triangles(mesh) for mesh in meshes])
-        for name, meshes in by_name.items()
-    ]
-
-
-def _triangles(mesh: Mesh) -> messages.TriangleListPrimitive:
-    used, faces = np.unique(mesh.faces, return_inverse=True)
-    red, green, blue = _MATERIAL_COLOURS[mesh.material.name]
-    return messages.TriangleListPrimitive(
-        pose=_ORIGIN,
-        points=[messages.Point3(x=x, y=y, z=z) for x, y, z in frames.ned_to_enu(mesh.vertices_m[used]).tolist()],
-        color=messages.Color(r=red, g=green, b=blue, a=1.0),
-        indices=faces.ravel().tolist(),
-    )
+    entities = []
+    for name, meshes in by_name.items():
+        triangles = []
+        for mesh in meshes:
+            used, faces = np.unique(mesh.faces, return_inverse=True)
+            red, green, blue = _MATERIAL_COLOURS[mesh.material.name]
+            points = frames.ned_to_enu(mesh.vertices_m[used]).tolist()
+            triangles.append(
+                messages.TriangleListPrimitive(
+                    pose=_ORIGIN,
+                    points=[messages.Point3(x=x, y=y, z=z) for x, y, z in points],
+                    color=messages.Color(r=red, g=green, b=blue, a=1.0),
+                    indices=faces.ravel().tolist(),
+                )
+            )
+        entities.append(messages.SceneEntity(frame_id=MAP_FRAME, id=name, triangles=triangles))
+    return entities
 
 
 def make_scripted_scene(vessels: Sequence[ScriptedVessel]) -> messages.SceneUpdate:

@@ -65,7 +65,7 @@ def build_fleet(
 ) -> tuple[Fleet, FleetState]:
     """Return the world with several vessels, or with scripted ones. Raises UserError as `build_plant`."""
     lead = profiles[0]
-    models, names = [each.vehicle for each in profiles], [each.vessel for each in profiles]
+    models, names = [profile.vehicle for profile in profiles], [profile.vessel for profile in profiles]
     try:
         water = _water(lead, seeds, scenery)
         level_m = lead.environment.water.level_m
@@ -115,7 +115,7 @@ def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
         name = "dam" if profile.world.dam is not None and number == 0 else "building"
         north, east, _ = solid.centre_m.tolist()
         parts.append(box_capsules(name, (north, east), (float(solid.size_m[0]), float(solid.size_m[1])), heading_rad))
-    launches = sorted((launch_from(launch) for launch in profile.world.debris.launches), key=lambda each: each.at_ns)
+    launches = sorted(map(launch_from, profile.world.debris.launches), key=lambda launch: launch.at_ns)
     contact = profile.world.contact
     triangles = Triangles.from_meshes(scenery.felt, scenery.water_down_m, tide_m) if contact else NO_TRIANGLES
     return Waterway(Capsules.joined(parts), scenery.bed, tuple(launches), contact, triangles)

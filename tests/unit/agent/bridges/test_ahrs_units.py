@@ -402,7 +402,7 @@ def test_nobody_there_is_said_once(make: Callable[[SensorLine], Ahrs], name: str
     bench.wire.there = False
     bench.run(12.0)
     assert len(bench.said) == 1
-    assert bench.said[0].startswith(f"nothing asks for a {name} at wire://here; check EAHRS_TYPE")
+    assert bench.said[0].startswith(f"nothing requests a {name} at wire://here; check EAHRS_TYPE")
     assert not bench.unit.counts.taken
 
 
@@ -450,9 +450,9 @@ def test_a_restart_of_the_autopilot() -> None:
     assert len(bench.frames(INERTIAL)) == before + 200
     assert bench.unit.counts.restarts == 1
     assert [text.partition(" sensors ")[0] for text in bench.said] == [
-        "the autopilot takes our",
-        "the autopilot takes no",
-        "the autopilot takes our",
+        "the autopilot accepts our",
+        "the autopilot no longer accepts",
+        "the autopilot accepts our",
     ]
 
 
@@ -518,7 +518,7 @@ def test_in_real_time_the_date_is_that_of_the_machine() -> None:
     [
         (VectorNav.open, "", "sensor-link: vectornav needs"),
         (MicroStrain7.open, "", "sensor-link: microstrain7 needs"),
-        (MicroStrain7.open, "udp://127.0.0.1:0?listen", "this driver never speaks"),
+        (MicroStrain7.open, "udp://127.0.0.1:0?listen", "this driver sends nothing"),
     ],
 )
 def test_refused_options(make: Callable[..., Ahrs], url: str, text: str) -> None:

@@ -267,7 +267,7 @@ def test_a_silent_script_is_said_once_and_again_when_it_is_heard(bridge: Bridge,
     golden("message", said[1])
     assert not bridge.injector.counts.script_answers
     bridge.script(3 * SILENT_NS, **{"in": 1, "hs": 1})
-    assert bridge.said[1] == (5, "the script on the autopilot is heard")
+    assert bridge.said[1] == (5, "the script on the autopilot answers")
     bridge.imu(4 * SILENT_NS + SECOND)
     assert len(bridge.said) == 3
 

@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from agent.bridges import microstrain
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
+from agent.bridges.readings import InertialSample, Navigation, ReceiverFix
 from agent.navigation.gps_time import SECOND_NS, WEEK_S
 
 SAMPLE = InertialSample(5, (0.1, -0.2, 0.3), (0.5, -0.25, -9.80665), (0.25, -0.125, 0.0625), 101_325.0, 21.5)

@@ -215,7 +215,7 @@ def test_nobody_calls(bridge: Bridge, monkeypatch: pytest.MonkeyPatch, golden: G
         assert bridge.again()
         wait_until(lambda: double.sensors)
         assert double.sensors[0].time_usec == FIRST_US + IMU_NS // 1000  # nothing was lost meanwhile
-    assert bridge.said[1:] == [f"PX4 has called at tcp://127.0.0.1:{bridge.port}"]
+    assert bridge.said[1:] == [f"PX4 has connected to tcp://127.0.0.1:{bridge.port}"]
 
 
 def test_px4_leaves_and_another_comes(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,7 +227,7 @@ def test_px4_leaves_and_another_comes(bridge: Bridge, monkeypatch: pytest.Monkey
     assert bridge.injector.commands() == (0.0,) * 16
     assert bridge.injector.counts.restarts == 1
     assert not bridge.injector.counts.taken
-    assert "PX4 has left" in bridge.said[0]
+    assert "PX4 has disconnected" in bridge.said[0]
 
     with calling(Px4Double(), bridge.port) as double:
         assert bridge.again()

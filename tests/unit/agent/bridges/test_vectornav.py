@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.bridges import vectornav
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
+from agent.bridges.readings import InertialSample, Navigation, ReceiverFix
 from agent.bridges.vectornav import INERTIAL, RECEIVER, SOLUTION, CommandPort, sentence
 
 SAMPLE = InertialSample(5_000_000, (0.1, -0.2, 0.3), (0.5, -0.25, -9.75), (0.25, -0.125, 0.0625), 101_325.0, 21.5)

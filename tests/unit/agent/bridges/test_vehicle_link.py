@@ -97,7 +97,7 @@ def test_one_of_another_number_is_heard_and_told_of_once(
     bench.link.close()
     assert (bench.link.heard, bench.link.system_id) == (True, 7)
     assert [severity for severity, _ in bench.said] == [4] * said
-    assert all("is MAVLink system 7 and this vessel 3; give one of them the other's" in text for _, text in bench.said)
+    assert all("is MAVLink system 7, but this vessel is 3; make both equal" in text for _, text in bench.said)
 
 
 def test_its_own_autopilot_may_pass_on_the_heartbeats_of_others_first(double: VehicleDouble) -> None:
@@ -209,14 +209,14 @@ def test_nothing_ever_comes(double: VehicleDouble, bench: Bench) -> None:
     for second in range(10):
         bench.link.update(second * S)
     assert len(bench.said) == 1
-    assert bench.said[0][1].startswith(f"nothing comes from the autopilot's MAVLink at {double.url}; check")
+    assert bench.said[0][1].startswith(f"nothing arrives from the autopilot's MAVLink at {double.url}; check")
 
 
 def test_what_comes_is_no_mavlink(double: VehicleDouble, bench: Bench) -> None:
     double.transport.send(b"\n\nInit ArduRover\n" * 3)
     wait_until(lambda: bench.link.receive(0) or bench.link.counters.bytes_in)
     bench.link.update(6 * S)
-    assert "no MAVLink 2; set SERIALn_PROTOCOL 2 there" in bench.said[0][1]
+    assert "not MAVLink 2; set SERIALn_PROTOCOL 2 there" in bench.said[0][1]
     assert bench.link.counters.dropped_noise == 1
 
 

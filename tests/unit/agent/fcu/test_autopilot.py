@@ -148,7 +148,7 @@ def test_imu_lost_and_found() -> None:
     assert all(actuators.command == (0.0, 0.0) for actuators in silent[13:])
     assert [event.text for event in autopilot.events.drain()] == ["Failsafe: no IMU for 0.25 s, outputs neutral"]
     sail(boat, sensors, autopilot, 2.0, lambda _: False)
-    assert [event.text for event in autopilot.events.drain()] == ["Failsafe over: IMU is back, outputs go on"]
+    assert [event.text for event in autopilot.events.drain()] == ["Failsafe over: IMU is back, outputs resume"]
     assert autopilot.control(boat.time_ns).command != (0.0, 0.0)
     assert autopilot.state.armed
     assert autopilot.state.mode == modes.AUTO

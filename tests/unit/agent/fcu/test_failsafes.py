@@ -60,7 +60,7 @@ def test_going_on_in_auto_but_not_in_guided() -> None:
     hear(ship, 1)
     ship.sail(8.0)
     assert ship.mode == "AUTO"
-    assert "GCS failsafe: no heartbeat for 5 s, going on in AUTO" in ship.said
+    assert "GCS failsafe: no heartbeat for 5 s, continuing in AUTO" in ship.said
     ship.autopilot.set_mode(modes.GUIDED)
     hear(ship, 1)
     ship.sail(8.0)

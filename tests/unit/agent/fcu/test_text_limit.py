@@ -26,7 +26,7 @@ def flooded(seconds: int, severity: int) -> tuple[MavlinkHub, list[str]]:
 def test_different_texts_are_limited_by_rate_counted_and_said() -> None:
     for severity in (WARNING, INFO):
         hub, heard = flooded(10, severity)
-        said = [text for text in heard if text.endswith("texts left out, too many at once")]
+        said = [text for text in heard if text.endswith("texts dropped, too many at once")]
         assert len(heard) - len(said) <= TEXTS_AT_ONCE + 10 * TEXTS_HZ
         assert 8 <= len(said) <= 10
         left_out = 10 * 50 * 50 - (len(heard) - len(said))
@@ -49,7 +49,7 @@ def test_the_last_are_said_when_the_flood_is_over() -> None:
     hub, _ = flooded(1, WARNING)
     outbox = hub.open_outbox()
     hub.distribute(5 * SECOND_NS)
-    assert [event.text.split(" ", 1)[1] for event in outbox.events] == ["texts left out, too many at once"]
+    assert [event.text.split(" ", 1)[1] for event in outbox.events] == ["texts dropped, too many at once"]
 
 
 def test_a_bucket_fills_again_and_never_over() -> None:

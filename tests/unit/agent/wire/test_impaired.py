@@ -254,5 +254,5 @@ def test_without_faults_it_is_the_transport_below() -> None:
 def test_it_has_no_url() -> None:
     from urllib.parse import urlsplit
 
-    with pytest.raises(BadUrlError, match="faults have no URL; wrap a transport in ImpairedTransport"):
+    with pytest.raises(BadUrlError, match="ImpairedTransport has no URL"):
         ImpairedTransport.open(urlsplit("bad://x"), True)

@@ -231,7 +231,7 @@ def test_an_unknown_vehicle(server: FirmwareServer, cache_at: Path, golden: Gold
         (SITL, "sitl", program(40), "for another processor than x86-64"),
         (PIXHAWK, "Pixhawk6X", image(damaged=True), "the CRC-32 of its image are not those in its descriptor"),
         (PIXHAWK, "Pixhawk6X", image()[:-50], "it is no firmware image"),
-        (PIXHAWK, "Pixhawk6X", image(more=4), "its image has 3140 bytes where it says 3144"),
+        (PIXHAWK, "Pixhawk6X", image(more=4), "its image has 3140 bytes, not 3144"),
     ],
 )
 def test_a_file_that_is_none_is_refused_and_dropped(
@@ -248,7 +248,7 @@ def test_a_checksum_beside_the_file_is_held_against_it(server: FirmwareServer, c
     assert "SHA-256 as published" in get(server).cached.record.verified
 
     server.files[SITL + ".sha256"] = f"{'0' * 64}  ardurover\n".encode()
-    with pytest.raises(UserError, match="its SHA-256 is not the one that is published beside it"):
+    with pytest.raises(UserError, match="its SHA-256 differs from the published one"):
         get(server, force=True)
 
 
@@ -279,7 +279,7 @@ def test_a_program_that_changed_in_the_cache_does_not_start(server: FirmwareServ
     (folder / cache.RECORD).write_text(cache.record_text(record))
     assert cache.find_program("rover", "sitl") == file
     file.write_bytes(program(machine) + b"more")
-    with pytest.raises(UserError, match="is not the file that was downloaded"):
+    with pytest.raises(UserError, match="has changed since its download"):
         cache.find_program("rover", "sitl")
 
 

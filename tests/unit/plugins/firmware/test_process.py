@@ -60,7 +60,7 @@ def test_one_that_dies_tells_how_and_its_last_words(tmp_path: Path, golden: Gold
     golden("error", error)
     assert str(tmp_path / "console.txt") in str(error)
     program = script(tmp_path / "other", "sys.exit(3)")
-    assert "(exit code 3); look at" in str(wait_for_end(FirmwareProcess(program, [], tmp_path)))
+    assert "(exit code 3); see" in str(wait_for_end(FirmwareProcess(program, [], tmp_path)))
 
 
 def test_one_that_does_not_heed_is_killed_with_what_it_started(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_a_path_that_is_given_is_checked(tmp_path: Path, golden: Golden) -> None
     with pytest.raises(UserError, match="is not executable; run `chmod"):
         find_firmware("rover", "sitl", str(plain))
     plain.chmod(0o755)
-    with pytest.raises(UserError, match="no program for this machine's processor"):
+    with pytest.raises(UserError, match="is a program for another processor"):
         find_firmware("rover", "sitl", str(plain))
     assert find_firmware("rover", "sitl", str(script(tmp_path / "wrapped", ""))) == tmp_path / "wrapped"
 
@@ -195,7 +195,7 @@ def test_the_lines_that_tell_why_it_ended_are_given_and_not_the_last_ones(
 
 def test_one_that_says_only_what_it_always_says_is_not_quoted(tmp_path: Path) -> None:
     program = script(tmp_path / "ardurover", "print('Skipping port (null)')\nsys.exit(1)")
-    assert "(exit code 1); look at " in str(wait_for_end(FirmwareProcess(program, [], tmp_path)))
+    assert "(exit code 1); see " in str(wait_for_end(FirmwareProcess(program, [], tmp_path)))
 
 
 def test_one_that_hears_only_while_it_is_served_is_served_until_it_has_ended(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_signals_of_several_messages_are_drawn_with_a_word_on_their_times(tmp_pa
     code, text = run("plot", CALM, "hypot(XKF1.VN, XKF1.VE) - GPS.Spd", "ATT.Roll", "--out", page)
     assert (code, text.splitlines()) == (
         0,
-        [str(page), "hypot(XKF1.VN, XKF1.VE) - GPS.Spd: at the times of XKF1[0], with GPS brought onto them"],
+        [str(page), "hypot(XKF1.VN, XKF1.VE) - GPS.Spd: at the times of XKF1[0], with GPS resampled"],
     )
     assert "<h3>hypot(XKF1.VN, XKF1.VE) - GPS.Spd</h3>" in page.read_text(encoding="utf-8")
 
@@ -75,7 +75,7 @@ def test_with_a_page_the_findings_and_its_name_are_printed(tmp_path: Path, monke
     code, text = run("analyze", *some, "--report", "b:x:.html", width=60)
     assert code == 0
     assert text.startswith("a:x:.bin  rover")
-    assert text.splitlines()[-1].startswith("b:x:.html: every section")
+    assert text.splitlines()[-1].startswith("b:x:.html: all sections")
     assert "NOTICE" in text
     assert len(text.splitlines()) < 30
     assert "In AUTO" not in text
@@ -142,20 +142,20 @@ def test_all_fields_of_a_message_but_its_time_are_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("nowhere.bin", "ATT.Roll"), "nowhere.bin: does not exist; name a log first"),
+        (("nowhere.bin", "ATT.Roll"), "nowhere.bin: does not exist; write a log first"),
         ((CALM,), "no signal to draw; add some after the file"),
-        ((CALM, "ATTT.Roll"), "has no message 'ATTT'; did you mean ATT?"),
+        ((CALM, "ATTT.Roll"), "has no message 'ATTT'; did you mean 'ATT'?"),
         ((CALM, "ATT.Rol"), "ATT has no field 'Rol'; did you mean 'Roll'?"),
-        ((CALM, "IMU[9].AccX"), "IMU has no instance 9; there is IMU[0], IMU[1]"),
+        ((CALM, "IMU[9].AccX"), "IMU has no instance 9; choose from IMU[0], IMU[1]"),
         ((CALM, "ATT[1].Roll"), "ATT has no instances; write ATT.FIELD"),
-        ((CALM, "MSG.Message"), "MSG.Message is text, which cannot be drawn"),
+        ((CALM, "MSG.Message"), "MSG.Message is text, which cannot be plotted"),
         ((CALM, "ATT.DesYaw - ATT.Yew"), "ATT has no field 'Yew'; did you mean 'Yaw'? it has TimeUS, DesRoll, Roll"),
-        ((CALM, "hypot(ATT.Roll"), "'hypot(ATT.Roll' is no expression (it ends where something is missing)"),
-        ((CALM, "RCOU / 2"), "RCOU is 14 signals; write one of them, such as RCOU.C1"),
+        ((CALM, "hypot(ATT.Roll"), "'hypot(ATT.Roll' is not a valid expression (it is incomplete)"),
+        ((CALM, "RCOU / 2"), "RCOU stands for 14 signals; choose one, such as RCOU.C1"),
         ((CALM, "ATT.Roll[3]"), "ATT.Roll is a single number; write it without [3]"),
-        ((CALM, "ATT.Roll", "--from", "soon"), "'soon' is no time; write seconds (90.5)"),
+        ((CALM, "ATT.Roll", "--from", "soon"), "'soon' is not a time; write seconds (90.5)"),
         ((CALM, "ATT.Roll", "--from", "90", "--until", "1:00"), "--until 1:00 is not after --from 90; swap them"),
-        ((CALM, "ATT.Roll", "--from", "9000"), "nothing of ATT.Roll lies between --from and --until"),
+        ((CALM, "ATT.Roll", "--from", "9000"), "ATT.Roll has no value between --from and --until"),
         ((CALM, "ATT.Roll", "--out", "/nowhere/at/all.html"), "cannot be written"),
     ],
 )
@@ -183,7 +183,7 @@ def test_a_plot_is_written_in_the_format_of_its_suffix(suffix: str, beginning: b
 def test_a_suffix_of_no_plot_is_refused(tmp_path: Path) -> None:
     code, text = run("plot", CALM, "ATT.Roll", "--out", tmp_path / "plot.gif")
     assert code == 2
-    assert ".gif is no kind of plot; name a file that ends in .html, .png, .svg or .pdf" in " ".join(text.split())
+    assert "cannot plot to .gif; name a file that ends in .html, .png, .svg or .pdf" in " ".join(text.split())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -192,5 +192,5 @@ def test_an_image_replaces_no_log(tmp_path: Path) -> None:
     log.write_bytes(CALM.read_bytes()[:1000])
     code, text = run("plot", CALM, "ATT.Roll", "--out", log)
     assert code == 2
-    assert "is there already and is no .png image" in " ".join(text.split())
+    assert "exists and is not a .png image" in " ".join(text.split())
     assert log.read_bytes() == CALM.read_bytes()[:1000]

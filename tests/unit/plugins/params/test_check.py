@@ -146,7 +146,7 @@ def test_a_profile_is_checked_with_its_own_parameters(params: Params) -> None:
 def test_what_cannot_be_checked_is_one_line(params: Params) -> None:
     assert "there is no parameter file 'no-such'" in params("check", "no-such", "tcp://127.0.0.1:9").error
     assert "has no parameters" in params("check", "environments/calm", "tcp://127.0.0.1:9").error
-    assert "no vehicle was heard" in params("check", "rover-hil", "tcp://127.0.0.1:9").error
+    assert "no vehicle sent a heartbeat" in params("check", "rover-hil", "tcp://127.0.0.1:9").error
 
 
 # Pushing

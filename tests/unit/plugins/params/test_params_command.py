@@ -260,4 +260,4 @@ def test_a_vehicle_that_never_answers(params: Params) -> None:
         assert "the vehicle sends no parameters" in params("show", url).error
     with over_tcp(VehicleDouble(ROVER, lose=1)) as url:
         assert "the vehicle sends no parameters" in params("show", url).error
-    assert "no vehicle was heard for 1 s" in params("show", "tcp://127.0.0.1:9").error
+    assert "no vehicle sent a heartbeat for 1 s" in params("show", "tcp://127.0.0.1:9").error

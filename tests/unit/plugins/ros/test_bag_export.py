@@ -222,9 +222,9 @@ def test_a_vessel_of_a_bag_is_read_as_if_it_were_alone(convoy: Path, tmp_path: P
             assert again.path.values[0, 1] == pytest.approx(10.0 * names.index(name) + 0.3)
     with open_log(bag, "") as first:
         assert first.vessel in names
-    with pytest.raises(LogError, match=f"has no vessel 'nobody'; it is of {', '.join(sorted(names))}"):
+    with pytest.raises(LogError, match=f"has no vessel 'nobody'; choose from {', '.join(sorted(names))}"):
         open_log(bag, "nobody")
-    with pytest.raises(UserError, match="whose topics keep their names"):
+    with pytest.raises(UserError, match="a bag keeps its topic names"):
         written(bag, place(tmp_path / "again", bag_format), bag_format, vessel=names[0])
 
 
@@ -233,7 +233,7 @@ def test_namespaces_are_told_from_parts_of_a_vessel(sailed: Path, tmp_path: Path
     assert namespaces_of_vessels(marked) == {"a": "/harbour/a", "b": "/harbour/b"}
     assert namespaces_of_vessels(["/robot_description", "/arm/robot_description", "/odometry"]) == {}
     bag = written(sailed, tmp_path / "made", "rosbag2-mcap", ["odometry", "ground_truth/odom"])
-    with pytest.raises(LogError, match="is of one vessel alone"):
+    with pytest.raises(LogError, match="has one vessel only"):
         open_log(bag, "a")
     with open_log(bag, "") as log:
         assert (log.vessels, log.vessel) == ((), "")
@@ -248,7 +248,7 @@ def test_names_and_times_choose(recording: Path, tmp_path: Path, capsys: pytest.
         first_ns = reader.start_time
     assert counts == {"/imu/data": 11, "/environment": 2, "/wind": 2, "/current": 2, "/tf_static": 1}
     assert first_ns == 100_000_000
-    assert "nothing of nosuch" in capsys.readouterr().out
+    assert "no messages of nosuch" in capsys.readouterr().out
 
 
 def test_a_bag_that_is_there_stays_without_overwrite(recording: Path, tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_a_bag_of_ros_1_ends_so_that_its_readers_know_it(recording: Path, tmp_pa
     written(recording, tmp_path / "made", "rosbag1", ["wind"])
     with AnyReader([tmp_path / "made.bag"]) as reader:
         assert list(reader.topics) == ["/wind"]
-    with pytest.raises(UserError, match=r"made\.bag: is there already"):
+    with pytest.raises(UserError, match=r"made\.bag: already exists"):
         written(recording, tmp_path / "made", "rosbag1", ["wind"])
 
 
@@ -279,7 +279,7 @@ def test_a_directory_that_is_no_bag_is_not_replaced(recording: Path, tmp_path: P
 
 
 def test_names_that_nothing_is_of_are_refused(recording: Path, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="has nothing of nosuch"):
+    with pytest.raises(UserError, match="no messages of nosuch"):
         written(recording, tmp_path / "made", "rosbag2-mcap", ["nosuch"])
     assert list(tmp_path.iterdir()) == []
 

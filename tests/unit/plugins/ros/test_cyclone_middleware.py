@@ -106,7 +106,7 @@ def test_the_domain_is_the_profile_s_or_the_environment_s(monkeypatch: pytest.Mo
     assert ros_domain(RosSpec()) == 42
     assert ros_domain(RosSpec(domain=3)) == 3
     monkeypatch.setenv("ROS_DOMAIN_ID", "one")
-    with pytest.raises(UserError, match="ROS_DOMAIN_ID=one: is no domain"):
+    with pytest.raises(UserError, match="ROS_DOMAIN_ID=one is not a domain"):
         ros_domain(RosSpec())
 
 

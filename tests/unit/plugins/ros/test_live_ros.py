@@ -113,7 +113,7 @@ def test_a_bridge_that_is_gone_is_said_once_and_the_run_goes_on(monkeypatch: pyt
     for number in range(3):
         write(b"word", number)
         beside.exchange(number)
-    said = "ros: the bridge has ended; the run goes on without it (OSError: no domain)"
+    said = "ros: the bridge has ended; the run continues without it (OSError: no domain)"
     assert beside.told[1:] == [f"warning: {said}"]
     assert beside.report()["warnings"] == [said]
     assert beside.report()["ros"]["dropped"] == {"/environment": 2}
@@ -124,7 +124,7 @@ def test_a_bridge_that_is_gone_is_said_once_and_the_run_goes_on(monkeypatch: pyt
     ("at_start", "error"),
     [
         (lambda pipe: pipe.send({"failed": "no such network"}), "no such network"),
-        (Pipe.close, "ros: the bridge has ended at its start (OSError: no domain)"),
+        (Pipe.close, "ros: the bridge ended at its start (OSError: no domain)"),
     ],
 )
 def test_a_bridge_that_cannot_be_is_an_error(
@@ -145,7 +145,7 @@ def test_a_bridge_that_takes_nothing_is_said_once(beside: Beside, monkeypatch: p
         beside.exchange()
     monkeypatch.undo()
     assert len(beside.told) == 1
-    assert "takes nothing since 5 s" in beside.told[0]
+    assert "accepted no data for 5 s" in beside.told[0]
 
 
 def test_an_action_is_asked_for_and_its_refusal_goes_back(beside: Beside) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from agent.board.doctor import WARNING
 from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.ros import middleware_choice
@@ -15,7 +16,7 @@ from xitl_cli.plugins.ros.middleware import (
     others_text,
     qos_with,
 )
-from xitl_cli.plugins.ros.middleware_choice import ros2_way
+from xitl_cli.plugins.ros.middleware_choice import check_ros, ros2_way
 from xitl_cli.plugins.ros.outputs import OUTPUTS
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 
@@ -81,3 +82,21 @@ def test_the_way_in_is_rclpy_where_it_is_and_else_cyclonedds(monkeypatch: pytest
 def test_what_is_no_key_of_ros_is_refused(keys: dict[str, object], what: str) -> None:
     with pytest.raises(ValueError, match=what):
         RosSpec(**keys)  # type: ignore[arg-type]
+
+
+def test_the_way_into_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    there = {"rclpy", "cyclonedds"}
+    for where in ("xitl_cli.extras", "xitl_cli.plugins.ros.middleware_choice"):
+        monkeypatch.setattr(f"{where}.find_spec", lambda name: name if name in there else None)
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+    monkeypatch.setattr("xitl_cli.plugins.ros.middleware_choice.rclpy_problem", lambda: None)
+    assert check_ros().found == "rclpy of ROS 2 jazzy"
+    monkeypatch.setattr("xitl_cli.plugins.ros.middleware_choice.rclpy_problem", lambda: "for Python 3.12")
+    assert check_ros().found == "rclpy of ROS 2 jazzy cannot be imported (for Python 3.12)"
+    assert "cyclonedds is used instead" in check_ros().advice
+    there.remove("cyclonedds")
+    assert check_ros().level == WARNING
+    there.clear()
+    assert check_ros().advice == "pip install 'xitl[ros2]'"
+    there.add("cyclonedds")
+    assert check_ros().found == "cyclonedds; this Python has no rclpy"

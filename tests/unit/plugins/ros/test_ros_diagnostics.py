@@ -61,8 +61,8 @@ def test_a_clock_that_drifts_much_and_a_hot_board_are_warnings(conversion: RosCo
     record(conversion, "/clocks", "LC", 1, 0, 0, 0.001, 0.0, -150.0, None, None, None, 0, None)
     record(conversion, "/nodes", "agent", "LS,LC,LA", "real", "arm", "6.1", "0.1", None, 12.0, None, 91.0, True, "")
     found = said(conversion, 1.0)
-    assert (found["xitl: clock LC"].level, found["xitl: clock LC"].message) == (1, "runs -150 ppm off the host")
-    assert (found["xitl: node agent"].level, found["xitl: node agent"].message) == (1, "is 91 °C hot")
+    assert (found["xitl: clock LC"].level, found["xitl: clock LC"].message) == (1, "drifts -150 ppm from the host")
+    assert (found["xitl: node agent"].level, found["xitl: node agent"].message) == (1, "has a temperature of 91 °C")
     assert "memory_mib" not in {pair.key for pair in found["xitl: node agent"].values}  # not known
 
 

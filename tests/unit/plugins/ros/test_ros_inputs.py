@@ -18,7 +18,7 @@ from xitl_cli.plugins.ros.inputs import INPUTS, RosInputs
 from xitl_cli.plugins.ros.middleware import QosProfile
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.record.topics import TOPICS
-from xitl_cli.replay.thruster_topics import command_of_thrust, motor_commands
+from xitl_cli.replay.thrust_log import command_of_thrust, motor_commands
 
 TYPES = cast(Any, ros2_types().types)
 NAN = math.nan
@@ -136,7 +136,7 @@ def test_a_stamped_twist_in_place_of_it() -> None:
     nodes.now_s = 1.0
     nodes.publish("/cmd_vel", made(kind, header("map"), twist(1.0, 0.0)))
     assert [action["speed_mps"] for action in nodes.actions] == [1.0]
-    assert nodes.problems == ["/cmd_vel is in 'map'; use base_link"]
+    assert nodes.problems == ["/cmd_vel has the frame 'map'; use base_link"]
 
 
 @pytest.mark.parametrize("bad", [twist(NAN, 0.0), twist(0.0, math.inf), twist(1.0, 0.0, NAN)])
@@ -159,7 +159,7 @@ def test_bytes_that_are_no_message_are_refused(topic: str, cdr: bytes) -> None:
     nodes.publish(topic, cdr)
     assert nodes.actions == []
     assert nodes.inputs.refused[topic] == 1
-    assert "is no " in nodes.problems[0]
+    assert "is not a valid " in nodes.problems[0]
 
 
 def test_of_ten_thousand_a_second_the_latest_are_passed_on() -> None:
@@ -274,7 +274,7 @@ def test_any_action_as_json() -> None:
     nodes.publish("/operator/ask", made("std_msgs/msg/String", json.dumps({"action": "wind", "mean_mps": 6})))
     nodes.publish("/operator/ask", made("std_msgs/msg/String", "wind"))
     assert nodes.actions == [{"action": "wind", "mean_mps": 6}]
-    assert "is no JSON" in nodes.problems[0]
+    assert "is not JSON" in nodes.problems[0]
 
 
 def test_vessels_of_a_fleet_have_names_of_their_own() -> None:

@@ -40,7 +40,7 @@ class Answers:
             if self._left[name] == 0:
                 self.answers_ns[name] = self.to_answer_ns
 
-    def tell_clock_again(self) -> None:
+    def send_clock_again(self) -> None:
         self.told += 1
 
 

@@ -56,7 +56,7 @@ def wait(condition: Callable[[], object], *nodes: TcprosMiddleware) -> None:
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(master_module, "LOOK_S", 0.02)
+    monkeypatch.setattr(master_module, "RETRY_S", 0.02)
     monkeypatch.setattr(topics_module, "AGAIN_S", 0.02)
 
 
@@ -545,7 +545,7 @@ def test_idle_persistent_calls_lock_nobody_out(nodes: Callable[[str], TcprosMidd
     caller.join()
     assert replies == [b"\x01"]
     assert node.losses().refused == {"connections": 301 - middleware_module.MOST_OF_HOST}
-    assert any("idle for longest" in problem for problem in node.problems())
+    assert any("longest idle one" in problem for problem in node.problems())
     for each in idle:
         each.close()
 

@@ -81,7 +81,7 @@ def test_a_request_that_two_servers_may_read_differently_is_refused(
     first, *headers = sent
     got = answer(address, request(address, first.format(token=address.token), *headers))
     assert got.startswith(b"HTTP/1.1 403")
-    assert b"no proper request" in got
+    assert b"not a valid HTTP/1.1 request" in got
     assert answer(address, request(address)) == GREETING
 
 

@@ -135,9 +135,9 @@ def test_a_view_that_is_gone_is_told_once(parts: Parts, page: Page) -> None:
         page.now_s += 1.0
         node.poll()
     assert [text for text in page.said if text.startswith("warning")] == [
-        "warning: the 3D view has ended; the run goes on without it"
+        "warning: the 3D view has ended; the run continues without it"
     ]
-    assert node.report()["warnings"] == ["the 3D view has ended; the run goes on without it"]
+    assert node.report()["warnings"] == ["the 3D view has ended; the run continues without it"]
 
 
 def test_what_nobody_reads_is_bounded(parts: Parts, page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,7 +159,7 @@ def test_without_an_operator_an_action_is_refused(parts: Parts, page: Page) -> N
     page.say(action={"action": "pause"})
     page.now_s += 1.0
     node.poll()
-    assert page.received() == [ViewRefusal("nobody carries out actions in this run")]
+    assert page.received() == [ViewRefusal("this run accepts no actions")]
     view = node.report()["view"]
     assert (view["actions"], view["refused"]) == (1, 1)
 
@@ -249,7 +249,7 @@ def test_a_view_that_is_gone_ends_its_own_pause_alone(parts: Parts, page: Page, 
         page.now_s += 1.0
         node.poll()
     assert ({"action": "resume"} in operator.asked) == resumed
-    assert node.report()["warnings"][0].endswith("; its pause is over") == resumed
+    assert node.report()["warnings"][0].endswith("; its pause has ended") == resumed
 
 
 def test_debris_that_waits_for_the_next_exchange_is_drawn_where_it_will_be(parts: Parts, page: Page) -> None:

@@ -11,7 +11,7 @@ from sim_core.vessel.sections import hull_shape
 from sim_core.world.debris import BodyKind, make_body
 from xitl_cli.plugins.view import shapes
 from xitl_cli.plugins.view.scene import make_view_scene, read_bodies, read_scene_updates, waves_of
-from xitl_cli.plugins.view.water import SCREEN_WATER, WaterGrid
+from xitl_cli.plugins.view.shapes import SCREEN_WATER, WaterGrid
 from xitl_cli.profile import load_profile
 from xitl_cli.run.world.scene import make_debris_scene, make_scene
 from xitl_cli.run.world.world import build_plant

@@ -179,7 +179,7 @@ def test_a_port_that_is_taken() -> None:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(UserError, match=rf"view.port = {port}: somebody else listens there"):
+        with pytest.raises(UserError, match=rf"view.port = {port}: another program listens there"):
             listen("127.0.0.1", port)
 
 

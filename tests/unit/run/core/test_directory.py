@@ -13,7 +13,7 @@ from xitl_cli.run.core import directory
 def test_a_directory_with_a_run_is_refused_and_replaced_only_when_asked(tmp_path: Path) -> None:
     (tmp_path / directory.RECORDING).write_bytes(b"old")
     (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(UserError, match=r"already holds a run \(run.mcap\).*--overwrite"):
+    with pytest.raises(UserError, match=r"already contains a run \(run.mcap\).*--overwrite"):
         directory.create(tmp_path, overwrite=False)
     directory.create(tmp_path, overwrite=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt"]
@@ -22,7 +22,7 @@ def test_a_directory_with_a_run_is_refused_and_replaced_only_when_asked(tmp_path
 def test_where_an_autopilot_worked_goes_with_the_run_that_it_was_of(tmp_path: Path) -> None:
     (tmp_path / directory.AUTOPILOT / "logs").mkdir(parents=True)
     (tmp_path / directory.AUTOPILOT / "logs/00000001.BIN").write_bytes(b"old")
-    with pytest.raises(UserError, match=r"already holds a run \(autopilot\)"):
+    with pytest.raises(UserError, match=r"already contains a run \(autopilot\)"):
         directory.create(tmp_path, overwrite=False)
     directory.create(tmp_path, overwrite=True)
     assert list(tmp_path.iterdir()) == []
@@ -30,7 +30,7 @@ def test_where_an_autopilot_worked_goes_with_the_run_that_it_was_of(tmp_path: Pa
 
 def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
-    with pytest.raises(UserError, match="taken: is a file, not a directory"):
+    with pytest.raises(UserError, match="taken is a file, not a directory"):
         directory.check_writable(tmp_path / "taken" / "deeper")
 
 
@@ -72,14 +72,14 @@ def test_only_a_log_that_the_agent_numbered_is_renamed(tmp_path: Path) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_no_room_for_the_profile_is_said(tmp_path: Path) -> None:
     (tmp_path / directory.PROFILE).symlink_to("/dev/full")
-    with pytest.raises(UserError, match=r"no room for a run \(No space left on device\); free space"):
+    with pytest.raises(UserError, match=r"has no space for a run \(No space left on device\); free space"):
         directory.write_profile(tmp_path, "name: sitl\n")
 
 
 def test_what_a_companion_found_goes_with_the_run_that_it_was_of(tmp_path: Path) -> None:
     for name in (directory.MAP, directory.TRAJECTORY, directory.TRUTH):
         (tmp_path / name).write_bytes(b"old")
-    with pytest.raises(UserError, match=r"already holds a run \(map.ply, trajectory.tum, truth.tum\)"):
+    with pytest.raises(UserError, match=r"already contains a run \(map.ply, trajectory.tum, truth.tum\)"):
         directory.create(tmp_path, overwrite=False)
     directory.create(tmp_path, overwrite=True)
     assert list(tmp_path.iterdir()) == []
@@ -102,10 +102,10 @@ def test_folders_of_a_fleet_are_made_and_those_of_another_go_with_its_run(tmp_pa
     (tmp_path / "other" / directory.DATAFLASH).write_bytes(b"old")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/notes.txt").write_text("")
-    with pytest.raises(UserError, match=r"already holds a run .*leader.*other"):
+    with pytest.raises(UserError, match=r"already contains a run .*leader.*other"):
         directory.create(tmp_path, False, ["leader"])
     directory.create(tmp_path, True, ["leader"])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["leader", "mine"]
-    with pytest.raises(UserError, match="mine: holds other things"):
+    with pytest.raises(UserError, match="mine contains files that are not"):
         directory.create(tmp_path, True, ["mine"])
     assert (tmp_path / "mine/notes.txt").exists()

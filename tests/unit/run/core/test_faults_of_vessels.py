@@ -10,7 +10,7 @@ import pytest
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.profile import RunProfile
 from xitl_cli.run.core.faults import describe_fault
-from xitl_cli.run.core.vessel_faults import VesselFaults
+from xitl_cli.run.nodes.fault_injection import VesselFaults
 
 
 def profile_with(folder: Path, vehicle: str, faults: str) -> RunProfile:

@@ -63,7 +63,7 @@ def test_two_at_once_have_two_and_give_them_back(program: Path) -> None:
 def test_a_port_that_is_taken_is_said(program: Path) -> None:
     one = launch(program)
     try:
-        with pytest.raises(UserError, match=f"port {4560 + one.instance} of this machine, or the others"):
+        with pytest.raises(UserError, match=f"port {4560 + one.instance} of this machine, or the other ports"):
             launch(program, f"autopilot.bridge.sensor_link=tcp://127.0.0.1:{4560 + one.instance}")
     finally:
         one.end()

@@ -150,7 +150,7 @@ def test_a_process_that_is_killed_names_those_beside() -> None:
         link, _ = linked(agents[0])
         (worker,) = child_processes() - others
         os.kill(worker, signal.SIGKILL)
-        with pytest.raises(UserError, match="and of those of follower, ended: signal 9"):
+        with pytest.raises(UserError, match="of this vessel and of follower ended: signal 9"):
             answer(link, agents[0], 1)
         for agent in agents:
             agent.close()

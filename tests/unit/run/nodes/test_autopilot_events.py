@@ -154,7 +154,7 @@ def test_a_disarmed_vessel_is_stopped_by_that(vessel: Vessel, golden: Golden) ->
 def test_a_failsafe_that_changes_no_mode_is_named_while_in_force(vessel: Vessel, golden: Golden) -> None:
     vessel.say(20.0, "Failsafe: no IMU for 0.25 s, outputs neutral")
     golden("text", vessel.stop(), "20.0 s", "0.25 s")
-    vessel.say(25.0, "Failsafe over: IMU is back, outputs go on")
+    vessel.say(25.0, "Failsafe over: IMU is back, outputs resume")
     assert vessel.stop() == ""
 
 
@@ -162,7 +162,7 @@ def test_a_vessel_that_its_fence_holds_in_auto(vessel: Vessel) -> None:
     """FENCE_STATUS of ArduPilot, whose avoidance limits the speed (FENCE_MITIGATE_VEL_LIMIT) and changes no mode."""
     for second in range(10, 20):
         vessel.fence(second, 2 if second % 2 else 1)
-    assert vessel.stop() == "avoidance has held it at the fence since 11.0 s"
+    assert vessel.stop() == "avoidance has kept it at the fence since 11.0 s"
     vessel.pass_until(25.0)
     assert vessel.stop() == ""
     assert [event.event for event in vessel.node.events[2:]] == ["fence limits speed", "fence limit over"]
@@ -199,7 +199,7 @@ def test_a_breach_that_changes_no_mode_is_named_until_it_is_over(vessel: Vessel)
     vessel.beat(1.0, AUTO)
     vessel.fence(2.0, 1, breached=True)
     vessel.pass_until(5.0)
-    assert stop_text(vessel.node.events, "mission") == "failsafe in force since 2.0 s (fence breached)"
+    assert stop_text(vessel.node.events, "mission") == "failsafe active since 2.0 s (fence breached)"
     vessel.fence(6.0, 1)
     assert vessel.stop() == ""
     assert [each.event for each in vessel.node.events if "failsafe" in each.event] == ["failsafe", "failsafe over"]

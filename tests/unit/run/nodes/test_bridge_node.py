@@ -88,7 +88,7 @@ def test_the_wrong_vehicle_ends_the_run_and_other_sentences_of_the_bridge_do_not
     case.say(3, "Bridge: the line to the autopilot is full")
     case.say(6, "Bridge: the autopilot is heard")
     case.update(SECOND)
-    case.say(3, "Bridge: the autopilot is a fixed-wing aircraft (MAV_TYPE 1), no rover or boat")
+    case.say(3, "Bridge: the autopilot is a fixed-wing aircraft (MAV_TYPE 1), not a rover or boat")
     with pytest.raises(UserError) as refused:
         case.update(2 * SECOND)
     golden("error", refused.value)
@@ -117,7 +117,7 @@ def test_one_that_starts_anew_in_the_mission_ends_the_run_and_before_it_arms_it_
     case.hear(heartbeat(armed=False))
     case.update(3 * SECOND)  # disarmed by a person
     case.status(restarts=2)
-    with pytest.raises(UserError, match=r"^the autopilot started anew in the mission, before 4.0 s"):
+    with pytest.raises(UserError, match=r"^the autopilot restarted during the mission, before 4.0 s"):
         case.update(4 * SECOND)
 
 
@@ -132,9 +132,11 @@ def test_nobody_who_asks_for_the_world_is_told_apart_from_one_that_stopped(golde
 
 def test_what_the_bridge_complained_of_last_goes_with_the_reason_until_it_is_over() -> None:
     case = Case()
-    case.say(4, "Bridge: the script on the autopilot says nothing; set SCR_ENABLE 1 and bring it there")
+    case.say(4, "Bridge: the script on the autopilot does not answer; set SCR_ENABLE 1 and install it")
     case.say(6, "an autopilot's own sentence, which is so long that it comes in more than one part")
-    ending = "cables and its log; the bridge said: the script on the autopilot says nothing; set SCR_ENABLE 1 and "
+    ending = (
+        "cables and its log; the bridge reports: the script on the autopilot does not answer; set SCR_ENABLE 1 and "
+    )
     case.hear(heartbeat(armed=False))
     assert ending in str(case.bridge.why_silent(1.0, 2.0))
     case.say(5, "Bridge: the script on the autopilot speaks again")
@@ -145,7 +147,7 @@ def test_an_agent_that_is_no_bridge_is_found_out() -> None:
     case = Case()
     case.hear(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
     case.update(NO_BRIDGE_NS)
-    with pytest.raises(UserError, match="the agent there is no bridge"):
+    with pytest.raises(UserError, match="and is no bridge"):
         case.update(NO_BRIDGE_NS + 1)
     case.status()
     case.update(NO_BRIDGE_NS + 2)
@@ -200,7 +202,7 @@ def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path
     for words in (
         "ardupilot surface boat",
         "36782 inertial",
-        "31 not taken",
+        "31 not accepted",
         "12 long of 8999 loops",
         "missed 2 of 50",
     ):

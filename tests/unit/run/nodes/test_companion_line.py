@@ -74,10 +74,12 @@ def test_one_that_dies_is_told_and_the_run_goes_on(
     assert (result.summary["ended"], result.summary["error"]) == ("duration reached", None)
     assert result.summary["duration_s"] == pytest.approx(4.0)
     assert 1.0 < result.summary["companion"]["gone_s"] < 4.0
-    told = [text for text in result.summary["companion"]["warnings"] if "the run goes on without its companion" in text]
+    told = [
+        text for text in result.summary["companion"]["warnings"] if "the run continues without its companion" in text
+    ]
     assert len(told) == 1
     assert told[0] in [text for _, text in perception_rows(result.summary)]
-    assert "the run goes on without its companion" in log_of(tmp_path / "out")
+    assert "the run continues without its companion" in log_of(tmp_path / "out")
     assert json.loads((tmp_path / "out" / "summary.json").read_text()) == result.summary
 
 

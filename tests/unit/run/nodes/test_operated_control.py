@@ -91,6 +91,6 @@ def test_of_many_between_two_exchanges_the_latest_counts(tmp_path: Path) -> None
 
 def test_a_vessel_that_nobody_can_drive_does_not_set_out(tmp_path: Path) -> None:
     profile = load_profile("mitl", ["driver.kind=ros", "ros.enabled=false"])
-    with pytest.raises(UserError, match=r"driver\.kind = ros has nobody to drive it.*--replay-events"):
+    with pytest.raises(UserError, match=r"driver\.kind = ros needs ROS, which is off.*--replay-events"):
         run(profile, tmp_path / "run", False, NoDisplay)
     assert not (tmp_path / "run").exists()

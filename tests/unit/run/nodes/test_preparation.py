@@ -70,7 +70,7 @@ class Case:
             "tcp://127.0.0.1:5760",
             heartbeat_s=1.0,
             arm_timeout_s=90.0,
-            complained=lambda: "; the bridge said: the script says nothing",
+            complained=lambda: "; the bridge reports: the script says nothing",
         )
 
     def hear(self, message: Any) -> None:
@@ -90,15 +90,15 @@ class Case:
 
 def test_heartbeat_parameters_mission_and_then_the_orders(golden: Golden) -> None:
     case = Case()
-    assert case.waits_for() == "the autopilot to be heard"
+    assert case.waits_for() == "the autopilot to send its first heartbeat"
     case.preparation.update(SECOND)
     assert case.sent == []
     case.beat()
     case.preparation.update(2 * SECOND)
-    assert case.waits_for() == "the autopilot to take its parameters"
+    assert case.waits_for() == "the autopilot to accept its parameters"
     case.take_parameters()
     case.preparation.update(3 * SECOND)
-    assert case.waits_for() == "the autopilot to take the mission"
+    assert case.waits_for() == "the autopilot to accept the mission"
     assert case.driver.asked == 0
     case.hear(dialect.MAVLink_mission_ack_message(255, 190, dialect.MAV_MISSION_ACCEPTED, 0))
     case.preparation.update(4 * SECOND)
@@ -125,7 +125,7 @@ def test_an_autopilot_that_is_starting_is_given_parameters_and_no_mission() -> N
     assert [message.get_type() for message in case.sent] == ["MISSION_COUNT"]
     case.beat(state=dialect.MAV_STATE_CALIBRATING)
     case.preparation.update(4 * SECOND)
-    assert case.waits_for() == "the autopilot to take the mission"
+    assert case.waits_for() == "the autopilot to accept the mission"
 
 
 def test_an_autopilot_that_never_says_its_state_is_not_waited_for() -> None:
@@ -134,7 +134,7 @@ def test_an_autopilot_that_never_says_its_state_is_not_waited_for() -> None:
     case.preparation.update(SECOND)
     case.take_parameters()
     case.preparation.update(2 * SECOND)
-    assert case.waits_for() == "the autopilot to take the mission"
+    assert case.waits_for() == "the autopilot to accept the mission"
 
 
 def test_an_autopilot_that_does_not_finish_starting_ends_the_run_with_what_it_said(golden: Golden) -> None:

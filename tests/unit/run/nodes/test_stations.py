@@ -153,7 +153,7 @@ def test_who_was_never_heard_is_said(golden: Golden) -> None:
     made.close()
     one, two = made.report()["warnings"]
     golden("text", one)
-    assert two.startswith("two (system 2) was not heard")
+    assert two.startswith("two (system 2) sent nothing")
 
 
 @pytest.mark.parametrize(

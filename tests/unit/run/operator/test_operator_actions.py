@@ -10,7 +10,7 @@ import pytest
 from sim_core.environment.spec import WindSpec
 from xitl_cli.errors import UserError
 from xitl_cli.run.operator.actions import ActionError, ImpairLink, read_action
-from xitl_cli.run.operator.replay import TimedAction, read_events
+from xitl_cli.run.operator.operation import TimedAction, read_events
 
 
 @pytest.mark.parametrize(
@@ -71,12 +71,12 @@ def test_a_file_gives_actions_by_their_instants(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("{", r"events\.jsonl:1: is no JSON"),
-        ('{"action": "pause"}', r"events\.jsonl:1: needs time_s"),
-        ('{"time_s": true, "action": "pause"}', "needs time_s"),
+        ("{", r"events\.jsonl:1: no JSON"),
+        ('{"action": "pause"}', r"events\.jsonl:1: time_s is missing or invalid"),
+        ('{"time_s": true, "action": "pause"}', "time_s is missing or invalid"),
         ('\n{"time_s": 1, "action": "paus"}', r"events\.jsonl:2: .*did you mean 'pause'"),
-        ("[]", "needs time_s"),
-        ("", "nobody acted in it"),
+        ("[]", "time_s is missing or invalid"),
+        ("", "contains no actions"),
     ],
 )
 def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, text: str, problem: str) -> None:
@@ -89,7 +89,7 @@ def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, text: str, problem:
 @pytest.mark.parametrize("name", ["nothing.mcap", "empty"])
 def test_a_recording_that_is_not_there_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "empty").mkdir()
-    with pytest.raises(UserError, match="there is no such recording"):
+    with pytest.raises(UserError, match="does not exist"):
         read_events(tmp_path / name)
 
 

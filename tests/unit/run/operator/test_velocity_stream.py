@@ -138,7 +138,7 @@ def test_who_chooses_another_mode_has_the_vessel_until_the_stream_pauses() -> No
         helm.go_on()
     assert helm.modes() == []
     assert len(helm.targets()) == 0
-    assert "somebody has chosen AUTO" in helm.said[-1]
+    assert "because AUTO was chosen" in helm.said[-1]
     helm.go_on(1100)
     assert helm.modes() == []  # nor is it brought to HOLD: it was not the stream that drove
     helm.steer()
@@ -181,7 +181,7 @@ def test_a_stream_from_before_the_first_heartbeat_is_no_error() -> None:
     helm.steer()
     helm.go_on()
     assert helm.modes() == []
-    with pytest.raises(ActionError, match="has not been heard yet"):
+    with pytest.raises(ActionError, match="has not sent a heartbeat yet"):
         helm.orders.check(Arm())
     helm.beat(HOLD)
     helm.steer()
@@ -240,10 +240,10 @@ def test_what_nobody_could_carry_out_is_refused() -> None:
     helm = Helm()
     with pytest.raises(ActionError, match="the autopilot commands the motors"):
         helm.orders.check(CommandMotor(number=0, command=0.5))
-    with pytest.raises(ActionError, match=r"only a run with driver\.kind: ros"):
+    with pytest.raises(ActionError, match=r"this action needs driver\.kind: ros"):
         helm.orders.check(EndRun())
     helm = Helm(profile="sitl-px4")
-    with pytest.raises(ActionError, match="PX4 takes no speed and turn rate"):
+    with pytest.raises(ActionError, match="PX4 does not accept a speed and a turn rate"):
         helm.orders.check(SteerVelocity(speed_mps=1.0, turn_rate_radps=0.0))
 
 

@@ -126,11 +126,11 @@ def test_of_a_faster_sensor_the_newest_is_sent_and_the_others_counted(tmp_path: 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"gnss": "/gps"}, "sensors.recorded.gnss names"),
+        ({"gnss": "/gps"}, "for sensors.recorded.gnss"),
         ({"from_s": 100.0}, "another sensors.recorded.from_s"),
-        ({"file": "no.bag"}, "there is no such file"),
+        ({"file": "no.bag"}, "does not exist"),
         ({}, "site.latitude_deg: 10.00000"),
-        ({"gnss": "simulated"}, "name one of them as sensors.recorded.imu"),
+        ({"gnss": "simulated"}, "select one of them by sensors.recorded.imu"),
     ],
 )
 def test_what_cannot_be_injected_is_refused(tmp_path: Path, given: dict[str, Any], said: str) -> None:

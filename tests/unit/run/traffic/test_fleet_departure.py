@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from xitl_cli.profile import load_profile
-from xitl_cli.run.traffic.departure import departs_after
+from xitl_cli.run.session import departs_after
 from xitl_cli.run.traffic.self_report import VesselVoices
 
 FLEET = """

@@ -124,7 +124,7 @@ class BagLog(Log):
 def decoder(type_name: str, definition: str, form: str) -> Decoder:
     """Decoder of a type. Without a definition, use that of the ROS distributions. Raises UndecodableError."""
     if form not in ("cdr", "ros1"):
-        raise UndecodableError(f"its messages are serialised as {form[:32] or 'nothing that is named'}, not as CDR")
+        raise UndecodableError(f"its messages are serialised as {form[:32] or 'an unnamed format'}, not as CDR")
     text = (definition or _known_definition(type_name, form)).encode("utf-8", "replace")
     return CdrDecoder(type_name, text) if form == "cdr" else Ros1Decoder(type_name, text)
 
@@ -138,6 +138,6 @@ def _known_definition(type_name: str, form: str) -> str:
         if (full_name := f"{first}/msg/{last}") in known.fielddefs:
             return known.generate_msgdef(full_name, ros_version=1 if form == "ros1" else 2)[0]
     raise UndecodableError(
-        f"the bag does not hold the definition of {type_name[:80]}, which is none of ROS's own types; "
-        "record it anew with ROS 2 Iron or later, or as MCAP"
+        f"the bag has no definition of {type_name[:80]}, and it is not a type of ROS; "
+        "record it again with ROS 2 Iron or later, or as MCAP"
     )

@@ -97,7 +97,7 @@ class Ros1Bag(BagLog):
         self._closed = False
         self._walk()
         if not (self._chunks or self._connections or self._closed):
-            raise LogError(f"{self.path}: is a ROS 1 bag with no record that can be read; record it anew")
+            raise LogError(f"{self.path}: is a ROS 1 bag without a readable record; record it again")
         unpacked_from = len(MAGIC)
         for chunk in self._chunks:
             chunk.unpacked_from = unpacked_from
@@ -108,24 +108,20 @@ class Ros1Bag(BagLog):
         for number, connection in self._connections.items():
             groups.setdefault(connection, []).append(number)
         ends = [rows.stamp_ns for chunk in self._chunks for rows in chunk.rows.values() if len(rows.stamp_ns)]
-        span = (min(int(one.min()) for one in ends), max(int(one.max()) for one in ends)) if ends else None
-        topics = [
-            BagTopic(one.topic, one.type_name, one.definition, "ros1", self._count(ids), partial(self._batches, ids))
-            for one, ids in groups.items()
-        ]
-        self._settle(topics, span)
-
-    def _count(self, connections: list[int]) -> int:
-        return sum(
-            len(chunk.rows[number].offset) for chunk in self._chunks for number in connections if number in chunk.rows
-        )
+        stamps = np.concatenate(ends) if ends else np.empty(0, np.int64)
+        topics = []
+        for connection, ids in groups.items():
+            rows = [chunk.rows[number] for chunk in self._chunks for number in ids if number in chunk.rows]
+            count, read = sum(len(part.offset) for part in rows), partial(self._batches, ids)
+            topics.append(BagTopic(connection.topic, connection.type_name, connection.definition, "ros1", count, read))
+        self._settle(topics, (int(stamps.min()), int(stamps.max())) if len(stamps) else None)
 
     def _walk(self) -> None:
         """Read all records of the file without opening chunks."""
         at, end = len(MAGIC), self._source.size
         while at < end:
-            found = self._record(at)
-            if found is None:
+            record = self._record(at)
+            if record is None:
                 following = self._next_chunk(at + 1)
                 if following is None:
                     self._losses.truncated_bytes += end - at
@@ -134,14 +130,16 @@ class Ros1Bag(BagLog):
                 self._losses.note(at, following - at, "no record of a bag begins here")
                 at = following
                 continue
-            fields, place, size = found
+            fields, place, size = record
             kind = fields.get(b"op", b"\0")[0]
             if kind == _CHUNK:
                 compression = fields.get(b"compression", b"").decode("ascii", "replace")
                 unpacked_size = _whole(fields.get(b"size", b""))
                 if compression not in ("none", "lz4", "bz2") or unpacked_size > _MOST_CHUNK:
-                    what = f"packed with {compression[:32]!r}" if unpacked_size <= _MOST_CHUNK else "larger than 1 GiB"
-                    self._losses.note(place, size, f"a chunk is {what}, which cannot be unpacked")
+                    why = (
+                        f"compressed with {compression[:32]!r}" if unpacked_size <= _MOST_CHUNK else "larger than 1 GiB"
+                    )
+                    self._losses.note(place, size, f"a chunk is {why}, which is not supported")
                 else:
                     self._chunks.append(BagChunk(place, size, compression, unpacked_size, 0))
             elif kind == _INDEX:
@@ -185,13 +183,13 @@ class Ros1Bag(BagLog):
         step = 1 << 20
         for low in range(begin, self._source.size, step):
             data = self._source.read(low, step + 64)
-            found = data.find(b"compression=")
-            while 0 <= found < step + 32:
+            field = data.find(b"compression=")
+            while 0 <= field < step + 32:
                 for before in (8, 16, 21, 29):  # its fields in any order
-                    record = self._record(low + found - before) if low + found - before >= begin else None
+                    record = self._record(low + field - before) if low + field - before >= begin else None
                     if record is not None and record[0][b"op"][0] == _CHUNK:
-                        return low + found - before
-                found = data.find(b"compression=", found + 1)
+                        return low + field - before
+                field = data.find(b"compression=", field + 1)
         return None
 
     def _add_connection(self, fields: Fields, data: bytes) -> None:
@@ -208,7 +206,7 @@ class Ros1Bag(BagLog):
     def _scan(self, chunk: BagChunk) -> None:
         """Find the messages of a chunk without its index."""
         data, at = self._unpacked(chunk), 0
-        found: dict[int, list[tuple[int, int]]] = {}
+        found_rows: dict[int, list[tuple[int, int]]] = {}
         while at + 8 <= len(data):
             size = _U32.unpack_from(data, at)[0]
             fields = parse_fields(data[at + 4 : at + 4 + size], size) if size <= _MOST_HEADER else None
@@ -223,10 +221,11 @@ class Ros1Bag(BagLog):
                 self._add_connection(fields, data[place : place + length])
             elif kind == bytes([_MESSAGE]) and len(fields.get(b"time", b"")) == 8:
                 sec, nsec = struct.unpack("<II", fields[b"time"])
-                found.setdefault(_whole(fields.get(b"conn", b"")), []).append((sec * 1_000_000_000 + nsec, at))
+                number = _whole(fields.get(b"conn", b""))
+                found_rows.setdefault(number, []).append((sec * 1_000_000_000 + nsec, at))
             at = place + length
         chunk.rows = {}
-        for number, rows in found.items():
+        for number, rows in found_rows.items():
             table = np.array(rows, dtype=np.int64)
             chunk.rows[number] = BagRows(table[:, 0], table[:, 1])
 
@@ -331,4 +330,4 @@ def refuse_other_version(path: Path, head: bytes) -> None:
     """Raise LogError for a bag of another version of the format."""
     if not head.startswith(MAGIC):
         version = head[8:13].decode("ascii", "replace").strip()
-        raise LogError(f"{path}: is a ROS 1 bag of format {version}; write it anew with `rosbag fix OLD.bag NEW.bag`")
+        raise LogError(f"{path}: is a ROS 1 bag of format {version}; rewrite it with `rosbag fix OLD.bag NEW.bag`")

@@ -54,14 +54,21 @@ class SqliteBag(BagLog):
         except BaseException as error:
             self._database.close()
             if isinstance(error, sqlite3.Error):
-                raise LogError(f"{path}: is no whole SQLite database ({error}); record the bag anew") from error
+                raise LogError(f"{path}: is not a complete SQLite database ({error}); record the bag again") from error
             raise
 
     def _open(self) -> None:
         present = {name for (name,) in self._database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         if not {"topics", "messages"} <= present:
-            raise LogError(f"{self.path}: is an SQLite database, but no bag of ROS 2: it has no topics and messages")
-        definitions = self._definitions() if "message_definitions" in present else {}
+            raise LogError(
+                f"{self.path}: is an SQLite database but not a ROS 2 bag: it has no tables topics and messages"
+            )
+        definitions: dict[str, str] = {}
+        if "message_definitions" in present:
+            rows = self._database.execute(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            )
+            definitions = {kind: text for kind, encoding, text in rows if encoding == "ros2msg"}
         counts, span = self._counts()
         topics = self._database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
         self._settle(
@@ -71,12 +78,6 @@ class SqliteBag(BagLog):
             ],
             span,
         )
-
-    def _definitions(self) -> Mapping[str, str]:
-        rows = self._database.execute(
-            "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        )
-        return {kind: text for kind, encoding, text in rows if encoding == "ros2msg"}
 
     def _counts(self) -> tuple[dict[int, int], tuple[int, int] | None]:
         """Number of messages by topic, and first and last stamp. A damaged database is counted up to the damage."""
@@ -96,13 +97,13 @@ class SqliteBag(BagLog):
 
     def _pieces(self, topic: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, list[bytes]]]:
         """Sizes, stamps, places (numbers of the messages in the bag) and payloads."""
-        found = self._database.execute(
+        cursor = self._database.execute(
             "SELECT id, timestamp, data FROM messages WHERE topic_id = ? ORDER BY id", (topic,)
         )
         while True:
             rows = list[tuple[int, int, bytes]]()
             with contextlib.suppress(sqlite3.DatabaseError):  # counted as damage together with the messages
-                rows.extend(islice(found, _ROWS_AT_ONCE))
+                rows.extend(islice(cursor, _ROWS_AT_ONCE))
             if not rows:
                 return
             payloads = [self._unpacked(bytes(data or b"")) for _, _, data in rows]
@@ -163,14 +164,14 @@ def open_bag_folder(path: Path) -> Log:
 
         try:
             if metadata.stat().st_size > _MOST_METADATA:
-                raise LogError(f"{metadata}: is larger than 64 MiB; it is none of a bag")
+                raise LogError(f"{metadata}: is larger than 64 MiB, so it is not the metadata of a bag")
             about = yaml.safe_load(metadata.read_text("utf-8", "replace"))["rosbag2_bagfile_information"]
             files = tuple(path / Path(str(name)).name for name in about["relative_file_paths"])
             packed = str(about.get("compression_mode", "")).upper() == "MESSAGE"
         except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
             raise LogError(
-                f"{metadata}: is no metadata of a bag ({type(error).__name__}); "
-                f"make it anew with `ros2 bag reindex {path}`"
+                f"{metadata}: is not valid metadata of a bag ({type(error).__name__}); "
+                f"recreate it with `ros2 bag reindex {path}`"
             ) from error
         folder = BagFolder(files, packed)
     opened = ExitStack()
@@ -185,7 +186,7 @@ def open_bag_folder(path: Path) -> Log:
             parts.append(opened.enter_context(part))
         if not parts:
             named = ", ".join(absent) or "nothing"
-            raise LogError(f"{path / METADATA}: names {named}, and no such file is there; copy the whole folder")
+            raise LogError(f"{path / METADATA}: lists {named}, but none of these files exists; copy the whole folder")
         return JoinedLog(path, parts, absent, opened.pop_all())
     finally:
         opened.close()
@@ -200,7 +201,7 @@ def _unpacked_file(file: Path, opened: ExitStack) -> Path:
         with file.open("rb") as packed, unpacked.open("wb") as out:
             zstandard.ZstdDecompressor().copy_stream(packed, out)
     except (zstandard.ZstdError, OSError) as error:
-        raise LogError(f"{file}: cannot be unpacked ({error}); record the bag anew") from error
+        raise LogError(f"{file}: cannot be unpacked ({error}); record the bag again") from error
     return unpacked
 
 
@@ -270,8 +271,8 @@ class JoinedLog(Log):
             for name, table in part.tables.items():
                 having.setdefault(name, []).append((table, begin))
         self._tables = {
-            name: JoinedTable(name, *zip(*found, strict=True)) if len(found) > 1 else found[0][0]
-            for name, found in sorted(having.items())
+            name: JoinedTable(name, *zip(*tables, strict=True)) if len(tables) > 1 else tables[0][0]
+            for name, tables in sorted(having.items())
         }
 
     @property
@@ -295,24 +296,23 @@ class JoinedLog(Log):
     def health(self) -> LogHealth:
         every = [part.health for part in self._parts]
         losses = Losses()
-        for one in every:
-            losses.damaged += one.damaged
-            losses.damage += one.damage
-            losses.lost_bytes += one.lost_bytes
-            losses.suspect += one.suspect
-            losses.truncated_bytes += one.truncated_bytes
-        for name in self._absent:
-            losses.note(0, 0, f"{name}, which {METADATA} names, is not there")
         undecoded = dict[str, tuple[int, str]]()
-        for one in every:
-            for name, (rows, why) in one.undecoded.items():
+        for health in every:
+            losses.damaged += health.damaged
+            losses.damage += health.damage
+            losses.lost_bytes += health.lost_bytes
+            losses.suspect += health.suspect
+            losses.truncated_bytes += health.truncated_bytes
+            for name, (rows, why) in health.undecoded.items():
                 undecoded[name] = undecoded.get(name, (0, why))[0] + rows, why
+        for name in self._absent:
+            losses.note(0, 0, f"{name} is missing, although {METADATA} lists it")
         return losses.health(
-            sum(one.size_bytes for one in every),
-            sum(one.records for one in every),
-            unclosed=any(one.unclosed for one in every),
-            back_in_time=sum(one.back_in_time for one in every),
-            redefined=sum(one.redefined for one in every),
+            sum(health.size_bytes for health in every),
+            sum(health.records for health in every),
+            unclosed=any(health.unclosed for health in every),
+            back_in_time=sum(health.back_in_time for health in every),
+            redefined=sum(health.redefined for health in every),
             undecoded=undecoded,
         )
 
@@ -329,7 +329,8 @@ class JoinedLog(Log):
         return all(part.closed for part in self._parts)
 
     def attachment(self, name: str) -> bytes | None:
-        return next((found for part in self._parts if (found := part.attachment(name)) is not None), None)
+        contents = (part.attachment(name) for part in self._parts)
+        return next((content for content in contents if content is not None), None)
 
     def payloads(self, topic: str) -> Iterator[bytes]:
         for part in self._parts:

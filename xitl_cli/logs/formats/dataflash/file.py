@@ -54,14 +54,14 @@ class DataFlashLog(Log):
         self._bytes = FileBytes(path)
         self._data = self._bytes.data
         if not len(self._data):
-            raise LogError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it")
+            raise LogError(f"{path}: is not a DataFlash log, because it is empty; choose a .bin file of ArduPilot")
         self._index: RecordIndex = index_records(self._data, self._forget_huge)
         self._looked_for = 0
         if len(self._index.found.place) <= self._index.found.losses.suspect:  # all of them are doubtful
             self.close()
             if self._index.found.unknown:
-                raise LogError(f"{path}: describes none of its records (no FMT); give a log that has its beginning")
-            raise LogError(f"{path}: is no DataFlash log; give a .bin as ArduPilot writes it")
+                raise LogError(f"{path}: describes none of its records (no FMT); choose a log with its beginning")
+            raise LogError(f"{path}: is not a DataFlash log; choose a .bin file of ArduPilot")
 
     def _forget_huge(self, start: int, stop: int) -> None:
         """Release the memory of these bytes if the file may exceed the memory."""

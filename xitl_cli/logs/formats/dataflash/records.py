@@ -167,7 +167,7 @@ def _fields(length: int, letters: str, names: tuple[str, ...]) -> tuple[tuple[Re
     why = ""
     first, last = len(letters), len(letters) - 1
     if unknown:
-        why = f"FMT gives it letters that are not known: {letters!r}"
+        why = f"FMT gives it unknown letters: {letters!r}"
         first, last = unknown[0], unknown[-1]
     elif rest:
         why = f"FMT gives it {length} bytes and letters for {length - rest}"

@@ -479,7 +479,7 @@ def _add_chunks(
     if wrong and (not sure or 2 * len(wrong) > len(entries)):
         return False
     for entry in wrong:
-        index.losses.note(entry.place, 0, "a chunk does not begin where the summary says it does")
+        index.losses.note(entry.place, 0, "a chunk is not at the offset that the summary gives")
     return True
 
 
@@ -500,7 +500,7 @@ def unpack(data: bytes, compression: str, size: int) -> tuple[bytes, str]:
     elif compression == "zstd":
         unpacked, whole = _zstd(data, size)
     else:
-        return b"", f"a chunk is packed with {compression[:32]!r}, which cannot be unpacked"
+        return b"", f"a chunk has the compression {compression[:32]!r}, which is not supported"
     if whole and len(unpacked) == size:
         return unpacked, ""
     return unpacked, f"a chunk of {size} bytes cannot be unpacked beyond {len(unpacked)}"
@@ -1094,7 +1094,7 @@ class Walk:
             try:
                 return self._read(at, opcode, length, end)
             except MalformedError:
-                self._losses.note(at, 9 + length, "a record does not hold what it should")
+                self._losses.note(at, 9 + length, "a record has invalid content")
                 return at + 9 + int(length)
         stop = at + 9 + int(length)
         if opcode and opcode not in _SHORTEST and stop <= end and (stop == end or self._follows(stop, end)):
@@ -1123,7 +1123,7 @@ class Walk:
                 self._index.settle_last(self._source.size)
                 self._count(chunk, found.rows)
             for offset, lost in found.lost:
-                self._losses.note(at + offset, lost, "a record does not hold what it should")
+                self._losses.note(at + offset, lost, "a record has invalid content")
             return at + size
         elif opcode == HEADER:
             self._index.profile, self._index.library = parse_header(self._body(at, length))

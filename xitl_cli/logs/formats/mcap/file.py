@@ -66,7 +66,7 @@ class McapLog(Log):
         self._source = FileReader(path)
         try:
             if self._source.read(0, len(container.MAGIC)) != container.MAGIC:
-                raise LogError(f"{path}: is no MCAP file; give a recording that begins with the letters MCAP")
+                raise LogError(f"{path}: is not an MCAP file; choose a recording that begins with the letters MCAP")
             self._open()
         except BaseException:
             self._source.close()
@@ -88,7 +88,7 @@ class McapLog(Log):
             there = ", ".join(self.vessels)
             raise LogError(
                 f"{self.path}: has no vessel {self._vessel!r}; "
-                + (f"it is of {there}" if there else "it is of one vessel alone: leave --vessel out")
+                + (f"choose from {there}" if there else "it has one vessel only: omit --vessel")
             )
         topics = self._topics()
         said = {LOG_TOPIC: SaidOfVessel(topics[LOG_TOPIC], self)} if self._vessel and LOG_TOPIC in topics else {}
@@ -140,7 +140,7 @@ class McapLog(Log):
         back, undecoded = doubtful_rows(self._tables.topics)
         for name, left in self._frames_left.items():
             if left:
-                undecoded.setdefault(name, (left, "its frames are damaged, or of messages not known here"))
+                undecoded.setdefault(name, (left, "its frames are damaged or have unknown messages"))
         return losses.health(
             self._source.size,
             sum(self._index.counts.values()),

@@ -66,11 +66,11 @@ def examine(index: RecordingIndex, chunks: Chunks) -> None:
         indexed = bool(chunk.index_places)
         rows = _content(chunks, chunk).rows
         if indexed and not chunk.index_places and chunks.is_sound(chunk):
-            index.losses.note(chunk.place, 0, "a message index does not name the messages of its chunk")
+            index.losses.note(chunk.place, 0, "a message index does not match its chunk")
         for channel, count in _counts(rows.channel):
             counts[channel] = counts.get(channel, 0) + count
     if {channel: count for channel, count in counts.items() if channel in index.channels} != index.counts:
-        index.losses.note(0, 0, "the summary does not count the messages that there are")
+        index.losses.note(0, 0, "the message counts of the summary are wrong")
 
 
 def rewrite(source: FileReader, index: RecordingIndex, chunks: Chunks, out: BinaryIO) -> Rewritten:

@@ -205,7 +205,7 @@ class _Walk:
                         self.stampless.append(start)
                         self.losses.note(gap, start - gap, "its time stamp is cut short")
                     else:
-                        self.losses.note(gap, start - STAMP_BYTES - gap, "no frame that checks out begins here")
+                        self.losses.note(gap, start - STAMP_BYTES - gap, "no valid frame begins here")
                     self.gap = None
                     one = int(sure[found])
                 if one == _LEAVES:
@@ -254,7 +254,7 @@ class _Walk:
         if left < STAMP_BYTES + LONGEST_FRAME and _could_go_on(self.data[begin:]):
             self.losses.truncated_bytes = left
         else:
-            self.losses.note(begin, left, "no frame that checks out begins here")
+            self.losses.note(begin, left, "no valid frame begins here")
 
 
 def _could_go_on(tail: NDArray[np.uint8]) -> bool:
@@ -294,11 +294,11 @@ class TelemetryLog(Log):
         # number once.
         ordered = sorted(found.unknown.items(), key=lambda item: -item[1])
         listed, others = ordered[:_LISTED_UNKNOWN], ordered[_LISTED_UNKNOWN:]
-        reasons = {f"message {number}": (count, "no dialect here has it") for number, count in listed}
+        reasons = {f"message {number}": (count, "no known dialect has it") for number, count in listed}
         if others:
             reasons["further messages"] = (
                 sum(count for _, count in others),
-                f"{len(others)} other numbers that no dialect here has",
+                f"{len(others)} other numbers that no known dialect has",
             )
         self._health = found.losses.health(
             len(data),

@@ -1,8 +1,14 @@
-"""A ULog as tables, one per message. Its parameters, texts and dropouts are tables as well."""
+"""A ULog as tables, one per message. Its parameters, texts and dropouts are tables as well.
+
+A row has the publication time of its topic. The value of a topic at the start of logging can be much older, and some
+topics have no time (0). Such a row gets the latest stamp of the rows before it in the file. So does a row with an
+impossible time, which is counted as damage. The column `timestamp` keeps the stored value.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -12,17 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.ulog.contents import Value
+from xitl_cli.logs.formats.dataflash.table import FAR_NS, implausible, stamps_ns
 from xitl_cli.logs.formats.ulog.definitions import RowField, RowLayout
 from xitl_cli.logs.formats.ulog.records import (
     MAGIC,
     ROW_HEAD_BYTES,
     Placed,
     UlogRecords,
+    Value,
     read_records,
 )
 from xitl_cli.logs.formats.ulog.table import MadeTable, RowPart, UlogTable
-from xitl_cli.logs.formats.ulog.times import RowTimes, row_times
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileBytes
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
@@ -50,11 +56,11 @@ class UlogLog(Log):
         self._data = self._bytes.data
         if bytes(self._data[: len(MAGIC)]) != MAGIC:
             self.close()
-            raise LogError(f"{path}: is no ULog; give an .ulg as PX4 writes it")
+            raise LogError(f"{path}: is not a ULog; choose an .ulg file of PX4")
         self._records: UlogRecords = read_records(self._data)
         if not len(self._records.place) and not self._records.others:
             self.close()
-            raise LogError(f"{path}: is a ULog without a record that can be read; give one that has its beginning")
+            raise LogError(f"{path}: is a ULog without a readable record; choose a complete file")
 
     @property
     def base(self) -> Base:
@@ -63,11 +69,11 @@ class UlogLog(Log):
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
-        found: dict[str, Table] = dict(self._topics)
+        tables: dict[str, Table] = dict(self._topics)
         for made in (self._parameters(), self._texts(), self._dropouts()):
-            if made is not None and made.name not in found:
-                found[made.name] = made
-        return MappingProxyType({name: found[name] for name in sorted(found)})
+            if made is not None and made.name not in tables:
+                tables[made.name] = made
+        return MappingProxyType({name: tables[name] for name in sorted(tables)})
 
     @cached_property
     def _topics(self) -> dict[str, UlogTable]:
@@ -96,7 +102,7 @@ class UlogLog(Log):
         """Rows of these subscriptions in the order of the file."""
         numbers = [self._rows_of[kind] for kind in kinds]
         ids = [self._records.kinds[kind].subscription.multi_id for kind in kinds]
-        number, multi_id = np.concatenate(numbers), np.repeat(np.array(ids, np.uint8), [len(each) for each in numbers])
+        number, multi_id = np.concatenate(numbers), np.repeat(np.array(ids, np.uint8), list(map(len, numbers)))
         if len(kinds) > 1:
             order = np.argsort(number, kind="stable")
             number, multi_id = number[order], multi_id[order]
@@ -131,31 +137,28 @@ class UlogLog(Log):
     @cached_property
     def health(self) -> LogHealth:
         records, times = self._records, self._times
+        undecoded: dict[str, tuple[int, str]] = {}
+        for index, kind in enumerate(records.kinds):
+            if not kind.layout.fields and (count := len(self._rows_of[index])):
+                name = kind.subscription.name
+                undecoded[name] = undecoded.get(name, (0, ""))[0] + count, kind.layout.why
+        for number, count in records.unknown.items():
+            undecoded[f"message {number}"] = count, "no record describes this number"
+        for name, count in records.foreign.items():
+            undecoded[name] = count, "records of this type are unknown"
         return records.losses.health(
             len(self._data),
             len(records.place) + records.others,
             back_in_time=times.back_in_time,
             replaced_stamps=times.replaced,
             redefined=records.redefined,
-            undecoded=MappingProxyType(self._undecoded()),
+            undecoded=MappingProxyType(undecoded),
         )
-
-    def _undecoded(self) -> dict[str, tuple[int, str]]:
-        found: dict[str, tuple[int, str]] = {}
-        for index, kind in enumerate(self._records.kinds):
-            if not kind.layout.fields and (count := len(self._rows_of[index])):
-                name = kind.subscription.name
-                found[name] = found.get(name, (0, ""))[0] + count, kind.layout.why
-        for number, count in self._records.unknown.items():
-            found[f"message {number}"] = count, "no record says which message has this number"
-        for name, count in self._records.foreign.items():
-            found[name] = count, "records of this type are not known"
-        return found
 
     @cached_property
     def information(self) -> Mapping[str, Value]:
         """Information (I records) by key (`sys_name`, `ver_hw`, `ver_sw_release` …); the last value of each."""
-        return MappingProxyType({each.content.key: each.content.value for each in self._records.information})
+        return MappingProxyType({record.content.key: record.content.value for record in self._records.information})
 
     @property
     def facts(self) -> Mapping[str, str]:
@@ -178,54 +181,55 @@ class UlogLog(Log):
             parts.append(value if isinstance(value, bytes) else str(value).encode())
         return b"".join(parts) if parts else None
 
-    def _placed(self, found: Sequence[Placed]) -> tuple[Stamps, NDArray[np.int64]]:
+    def _placed(self, records: Sequence[Placed]) -> tuple[Stamps, NDArray[np.int64]]:
         """Stamps of the rows before these records, and the offsets of the records."""
-        rows = np.array([each.rows for each in found], np.int64)
-        return self._times.before(rows), np.array([each.place for each in found], np.int64)
+        rows = np.array([record.rows for record in records], np.int64)
+        return self._times.before(rows), np.array([record.place for record in records], np.int64)
 
     def _parameters(self) -> MadeTable | None:
-        found = self._records.parameters
-        if not found:
+        records = self._records.parameters
+        if not records:
             return None
-        stamps, place = self._placed(found)
-        names = [each.content.key for each in found]
+        stamps, place = self._placed(records)
+        names = [record.content.key for record in records]
         # The default of the airframe comes before that of the firmware.
         defaults: dict[str, float] = {}
         for kind in (SYSTEM_DEFAULT, AIRFRAME_DEFAULT):
-            defaults |= {each.key: float(each.value) for bits, each in self._records.defaults if bits & kind}
+            defaults |= {default.key: float(default.value) for bits, default in self._records.defaults if bits & kind}
         values: dict[str, NDArray[Any]] = {
             "name": np.array(names),
-            "value": np.array([_double(each.content.value) for each in found]),
+            "value": np.array([_double(record.content.value) for record in records]),
         }
         if defaults:
             # A default is only logged if the value differs from it.
-            first = {each.content.key: _double(each.content.value) for each in reversed(found)}
+            first = {record.content.key: _double(record.content.value) for record in reversed(records)}
             values["default"] = np.array([defaults.get(name, first[name]) for name in names])
         return MadeTable(PARAMETERS, stamps, place, values)
 
     def _texts(self) -> MadeTable | None:
-        found = self._records.texts
-        if not found:
+        records = self._records.texts
+        if not records:
             return None
-        stamps, place = self._placed(found)
-        told = np.array([min(each.content.stamp_us, 1 << 53) for each in found]) * 1_000
-        # They are accepted if they fit between the rows.
-        near = np.abs(told - stamps) < 10_000_000_000
-        tags = [each.content.tag for each in found]
+        stamps, place = self._placed(records)
+        # The texts' own stamps are accepted if they fit between the rows.
+        own_ns = np.array([min(record.content.stamp_us, 1 << 53) for record in records]) * 1_000
+        near = np.abs(own_ns - stamps) < 10_000_000_000
+        tags = [record.content.tag for record in records]
         values: dict[str, NDArray[Any]] = {
-            "level": np.array([each.content.level for each in found], np.uint8),
-            "message": np.array([each.content.text for each in found]),
+            "level": np.array([record.content.level for record in records], np.uint8),
+            "message": np.array([record.content.text for record in records]),
         }
         if any(tag is not None for tag in tags):
             values["tag"] = np.array([np.nan if tag is None else tag for tag in tags])
-        return MadeTable(TEXTS, np.where(near, told, stamps), place, values)
+        return MadeTable(TEXTS, np.where(near, own_ns, stamps), place, values)
 
     def _dropouts(self) -> MadeTable | None:
-        found = self._records.dropouts
-        if not found:
+        records = self._records.dropouts
+        if not records:
             return None
-        stamps, place = self._placed(found)
-        return MadeTable(DROPOUTS, stamps, place, {"duration": np.array([each.content for each in found], np.uint16)})
+        stamps, place = self._placed(records)
+        duration = np.array([record.content for record in records], np.uint16)
+        return MadeTable(DROPOUTS, stamps, place, {"duration": duration})
 
     def read(self, *, raw: bool = False) -> dict[str, dict[str, NDArray[Any]]]:
         """Every column of every message, by name of message and of column."""
@@ -241,3 +245,69 @@ class UlogLog(Log):
 def _double(value: Value) -> float:
     """Shortest decimal number that is stored as this single-precision number."""
     return float(str(np.float32(value))) if isinstance(value, float) else float(value)
+
+
+_EARLY_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class RowTimes:
+    """Times of the rows."""
+
+    stamp_ns: Stamps
+    """(N,) in the order of the file."""
+    start_ns: int
+    replaced: int = 0
+    """Rows with an impossible time."""
+    back_in_time: int = 0
+
+    def before(self, rows: NDArray[np.int64]) -> Stamps:
+        """Latest stamp of the first `rows` rows, at least the start of the log."""
+        latest = np.concatenate(([self.start_ns], np.maximum.accumulate(np.maximum(self.stamp_ns, self.start_ns))))
+        return latest[np.clip(rows, 0, len(self.stamp_ns))]
+
+
+def row_times(stored_us: NDArray[np.uint64], kind: NDArray[np.int32], start_us: int) -> RowTimes:
+    """Determine the times of all rows.
+
+    stored_us: (N,) of each row, 0 if it has none. kind: (N,) its subscription. start_us: from the file's header.
+    """
+    stored = stamps_ns(stored_us, 1_000)
+    previous = _previous(stored, kind)
+    first = previous < 0
+    steady = np.flatnonzero(~first & (stored > 0))
+    if not len(steady):
+        steady = np.flatnonzero(stored > 0)
+    if not len(steady):
+        return RowTimes(np.full(len(stored), start_us * 1_000), start_us * 1_000)
+    wrong = np.zeros(len(stored), np.bool_)
+    wrong[steady[implausible(stored[steady])]] = True
+    good = np.zeros(len(stored), np.bool_)
+    good[steady] = True
+    good &= ~wrong
+    if not good.any():
+        good = stored > 0
+    # Start of logging: the time in the file's header, if the first rows agree.
+    start_ns, first_ns = start_us * 1_000, stored[good][:100]
+    if abs(int(np.median(first_ns)) - start_ns) >= FAR_NS:
+        start_ns = int(first_ns.min())
+    level = np.maximum.accumulate(np.where(good, stored, start_ns))
+    # The first rows of topics are accepted if they fit in.
+    good |= first & (stored >= start_ns - _EARLY_NS) & (stored <= level + FAR_NS)
+    damaged = wrong & ((stored > level) | (stored < previous))
+    # Every other row gets the stamp of the latest good row before it.
+    stamps = np.where(good, stored, np.maximum.accumulate(np.where(good, stored, start_ns)))
+    back = int(np.count_nonzero(stamps < _previous(stamps, kind)))
+    return RowTimes(stamps, min(start_ns, int(stamps.min())), int(damaged.sum()), back)
+
+
+def _previous(stamps: Stamps, kind: NDArray[np.int32]) -> Stamps:
+    """(N,) stamp of the previous row of the same subscription, -1 for its first."""
+    order = np.argsort(kind.astype(np.uint16), kind="stable")  # 16 bits use radix sort
+    sorted_kind, sorted_ns = kind[order], stamps[order]
+    earlier = np.full(len(stamps), -1, np.int64)
+    if len(stamps) > 1:
+        earlier[1:] = np.where(sorted_kind[1:] == sorted_kind[:-1], sorted_ns[:-1], -1)
+    previous = np.empty(len(stamps), np.int64)
+    previous[order] = earlier
+    return previous

@@ -7,7 +7,8 @@ parsed on the way. If it breaks, it resumes at the next record that is followed 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -15,21 +16,114 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.ulog.contents import (
-    INCOMPATIBLE_APPENDED,
-    SYNC,
-    Flags,
-    Information,
-    Subscription,
-    Text,
-    parse_flags,
-    parse_information,
-    parse_parameter,
-    parse_subscription,
-    parse_text,
-)
-from xitl_cli.logs.formats.ulog.definitions import MessageFormat, RowLayout, parse_format, row_layout
+from xitl_cli.logs.formats.ulog.definitions import TYPES, MessageFormat, RowLayout, parse_format, row_layout
 from xitl_cli.logs.model.log import Losses
+
+# Contents of the records that are no rows: information, parameters, texts, subscriptions.
+
+_KEY = re.compile(rb"([a-z][a-z0-9_]*(?:\[\d{1,5}\])?) (\S+)")
+_TOPIC = re.compile(rb"[A-Za-z_]\w*")
+_NO_TEXT = re.compile(rb"[\x00-\x06\x0e-\x1a\x1c-\x1f]")
+SYNC = bytes((0x2F, 0x73, 0x13, 0x20, 0x25, 0x0C, 0xBB, 0x12))
+INCOMPATIBLE_APPENDED = 1
+
+Value = int | float | str | bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Information:
+    """A named value of an I, M, P or Q record."""
+
+    key: str
+    value: Value
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """From this record on, rows with the number `msg_id` belong to instance `multi_id` of the message `name`."""
+
+    multi_id: int
+    msg_id: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A logged text."""
+
+    level: int
+    """MAVLink severity, 0 emergency to 7 debug."""
+    tag: int | None
+    """Source; None if there is none."""
+    stamp_us: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Flags:
+    """Flags of the file."""
+
+    compatible: bytes
+    incompatible: bytes
+    appended: tuple[int, ...]
+    """Offsets of data that was appended after the end, for example by a crash handler."""
+
+    @property
+    def unknown(self) -> bool:
+        """Whether a bit marks an incompatible version of the format."""
+        return bool(self.incompatible[0] & ~INCOMPATIBLE_APPENDED) or any(self.incompatible[1:])
+
+
+def parse_information(content: bytes) -> Information | None:
+    """Parse an I or P record; None if the content is invalid."""
+    if not content or len(content) < 1 + content[0]:
+        return None
+    match = _KEY.fullmatch(content[1 : 1 + content[0]])
+    if match is None:
+        return None
+    type_name, key = match[1].decode(), match[2].decode("utf-8", "replace")
+    stored = content[1 + content[0] :]
+    if type_name.startswith("char["):
+        return Information(key, decoded(stored))
+    code = TYPES.get(type_name)
+    if code is None:
+        return Information(key, stored)
+    dtype = np.dtype(code)
+    return Information(key, np.frombuffer(stored, dtype)[0].item()) if len(stored) == dtype.itemsize else None
+
+
+def parse_parameter(content: bytes) -> Information | None:
+    parameter = parse_information(content)
+    return parameter if parameter is not None and isinstance(parameter.value, int | float) else None
+
+
+def parse_subscription(content: bytes) -> Subscription | None:
+    if len(content) < 4 or not _TOPIC.fullmatch(content[3:]):
+        return None
+    return Subscription(content[0], int.from_bytes(content[1:3], "little"), content[3:].decode())
+
+
+def parse_text(content: bytes, *, tagged: bool) -> Text | None:
+    head = 11 if tagged else 9
+    if len(content) < head or not 0x30 <= content[0] <= 0x37 or _NO_TEXT.search(content[head:].rstrip(b"\0")):
+        return None
+    tag = int.from_bytes(content[1:3], "little") if tagged else None
+    return Text(content[0] - 0x30, tag, int.from_bytes(content[head - 8 : head], "little"), decoded(content[head:]))
+
+
+def parse_flags(content: bytes) -> Flags | None:
+    if len(content) < 40:
+        return None
+    offsets = (int.from_bytes(content[at : at + 8], "little") for at in (16, 24, 32))
+    return Flags(content[:8], content[8:16], tuple(place for place in offsets if place))
+
+
+def decoded(stored: bytes) -> str:
+    """Text up to the zeros at its end, as UTF-8; invalid bytes are omitted."""
+    return stored.decode("utf-8", "ignore").rstrip("\0")
+
+
+# The chain of records.
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
@@ -156,8 +250,9 @@ class _Chain:
             self._on_flags(FILE_HEAD_BYTES, first[1])
             found.others += 1
         for end in self._section_ends(place):
-            self._read_section(place, end)
-            place = end
+            while place < end:
+                after = self._take_rows(place, end)
+                place = self._take_other(place, end) if after == place else after
         if self._places:
             found.place, found.kind = np.concatenate(self._places), np.concatenate(self._kinds)
         return found
@@ -168,20 +263,17 @@ class _Chain:
             return [size]
         ends = list(flags.appended)
         if sorted(set(ends)) != ends or any(not begin < end <= size for end in ends):
-            self._found.losses.note(FILE_HEAD_BYTES, 0, "its places of appended data lie outside of the file")
+            self._found.losses.note(FILE_HEAD_BYTES, 0, "its offsets of appended data are outside the file")
             return [size]
         return [*ends, size]
-
-    def _read_section(self, place: int, end: int) -> None:
-        while place < end:
-            after = self._take_rows(place, end)
-            place = self._take_other(place, end) if after == place else after
 
     def _take_rows(self, place: int, end: int) -> int:
         """Take consecutive rows from `place` on. Return the end of the last, or `place` if there is none."""
         if place + HEAD_BYTES > end or self._data[place + 2] != _ROW:
             return place
-        window = self._window_at(place, end)
+        window = self._window
+        if window is None or place >= window.until:
+            window = self._window = self._find_rows(place, end, min(place + _WINDOW, end))
         at = int(np.searchsorted(window.place, place))
         if at >= len(window.place) or window.place[at] != place:
             return place
@@ -192,11 +284,6 @@ class _Chain:
         self._kinds.append(self._kind_of[window.number[rows]])
         self._row_count += last + 1 - at
         return int(window.end[last])
-
-    def _window_at(self, place: int, end: int) -> _Rows:
-        if self._window is None or place >= self._window.until:
-            self._window = self._find_rows(place, end, min(place + _WINDOW, end))
-        return self._window
 
     def _find_rows(self, begin: int, end: int, until: int) -> _Rows:
         """Rows that begin between two places and end before `end`."""
@@ -214,9 +301,9 @@ class _Chain:
 
     def _take_other(self, place: int, end: int) -> int:
         """Take the record at `place`, or skip bytes that cannot be a record. Return the offset of the next."""
-        found = self._parsed(place, end)
-        if found is not None:
-            after, content = found
+        parsed = self._parsed(place, end)
+        if parsed is not None:
+            after, content = parsed
             self._in_data |= self._data[place + 2] in b"ALC"
             self._parsers[int(self._data[place + 2])][1](place, content)
             self._found.others += 1
@@ -284,34 +371,28 @@ class _Chain:
             return False
         letter = int(self._data[place + 2])
         if letter != _ROW:
-            return letter in self._parsers and not self._goes_on(place + 1, end)
+            return letter in self._parsers and self._resume(place + 1, end) >= end
         if end - place < ROW_HEAD_BYTES:
             return True
         number = self._number(place)
         size = (int(self._data[place]) | int(self._data[place + 1]) << 8) - 2
         return bool(self._shortest[number] <= size <= self._longest[number])
 
-    def _goes_on(self, place: int, end: int) -> bool:
-        return self._resume(place, end) < end
-
     def _resume(self, place: int, end: int) -> int:
         """Next offset from `place` with a record that is followed by another; else `end`."""
         while place < end:
+            # Offsets with a known type and, for rows, a known number with its length.
             until = min(place + _SEARCHED_BYTES, end)
-            for candidate in self._candidates(place, until, end):
+            letters = self._data[place + 2 : min(until + 2, end)]
+            rows = self._find_rows(place, end, until).place
+            others = place + np.flatnonzero(np.isin(letters, list(self._parsers)))
+            for candidate in np.sort(np.concatenate((rows, others))).tolist():
                 after = self._end_of(candidate, end)
                 known = self._is_row(candidate, end) or self._parsed(candidate, end) is not None
                 if known and after is not None and self._is_head(after, end):
-                    return candidate
+                    return int(candidate)
             place = until
         return end
-
-    def _candidates(self, begin: int, until: int, end: int) -> Iterator[int]:
-        """Offsets from `begin` to `until` with a known type and, for rows, a known number with its length."""
-        letters = self._data[begin + 2 : min(until + 2, end)]
-        rows = self._find_rows(begin, end, until).place
-        others = begin + np.flatnonzero(np.isin(letters, list(self._parsers)))
-        yield from np.sort(np.concatenate((rows, others))).tolist()
 
     def _on_flags(self, place: int, content: Flags) -> None:
         if self._found.flags is None and place == FILE_HEAD_BYTES:
@@ -360,7 +441,7 @@ def _parse_led(
     def parsed(content: bytes) -> tuple[int, Information] | None:
         if not content or content[0] not in first:
             return None
-        found = parse(content[1:])
-        return None if found is None else (content[0], found)
+        information = parse(content[1:])
+        return None if information is None else (content[0], information)
 
     return parsed

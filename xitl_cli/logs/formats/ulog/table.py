@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.dataflash.table import decode_text
-from xitl_cli.logs.formats.ulog.definitions import RowField, RowLayout
+from xitl_cli.logs.formats.ulog.definitions import Measure, RowField, RowLayout, measure_of
 from xitl_cli.logs.formats.ulog.records import ROW_HEAD_BYTES, Bytes, Places
-from xitl_cli.logs.formats.ulog.units import Measure, measure_of
 from xitl_cli.logs.model.table import ALL, Column, Rows, Stamps, Table
 
 INSTANCE = "multi_id"
@@ -48,11 +47,11 @@ class UlogTable(Table):
 
     @cached_property
     def columns(self) -> Mapping[str, Column]:
-        found = {INSTANCE: Column(INSTANCE)} if self.instance else {}
+        columns = {INSTANCE: Column(INSTANCE)} if self.instance else {}
         for part in self._parts:
             for field in part.layout.fields:
-                found.setdefault(field.name, _column(self.name, field))
-        return MappingProxyType(found)
+                columns.setdefault(field.name, _column(self.name, field))
+        return MappingProxyType(columns)
 
     def __len__(self) -> int:
         return sum(len(part.place) for part in self._parts)
@@ -73,9 +72,9 @@ class UlogTable(Table):
 
     @cached_property
     def stamp_ns(self) -> Stamps:
-        found: Stamps = self._stamps()[self._joined([part.number for part in self._parts])]
-        found.flags.writeable = False
-        return found
+        stamps: Stamps = self._stamps()[self._joined([part.number for part in self._parts])]
+        stamps.flags.writeable = False
+        return stamps
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         known = self.columns[column]
@@ -100,33 +99,28 @@ class UlogTable(Table):
 
     def read(self, *, raw: bool = False) -> dict[str, NDArray[Any]]:
         """Read all columns row by row, which is faster than column by column."""
-        found: dict[str, list[NDArray[Any]]] = {name: [] for name in self.columns}
+        read: dict[str, list[NDArray[Any]]] = {name: [] for name in self.columns}
         for part in self._parts:
-            stored = _whole_rows(self._data, part)
-            fields = {field.name: field for field in part.layout.fields}
+            # All rows as a structured array, with their fields by name.
+            layout = part.layout
+            view = np.ndarray((len(self._data) - layout.shortest + 1,), f"V{layout.shortest}", self._data, strides=(1,))
+            packed = {
+                "names": [field.name for field in layout.fields],
+                "formats": [(field.dtype, field.items) if field.items > 1 else field.dtype for field in layout.fields],
+                "offsets": [field.at for field in layout.fields],
+                "itemsize": layout.shortest,
+            }
+            stored: NDArray[np.void] = view[part.place + ROW_HEAD_BYTES].view(np.dtype(packed))  # type: ignore[call-overload]
+            fields = {field.name: field for field in layout.fields}
             for name, known in self.columns.items():
                 if name == INSTANCE and self.instance:
-                    found[name].append(part.multi_id)
+                    read[name].append(part.multi_id)
                 elif name in fields and _column(self.name, fields[name]) == known:
                     values = _finished(np.ascontiguousarray(stored[name]), fields[name])
-                    found[name].append(self._scaled(values, fields[name], raw=raw))
+                    read[name].append(self._scaled(values, fields[name], raw=raw))
                 else:
-                    found[name].append(_missing(known, len(part.place)))
-        return {name: self._joined(parts) for name, parts in found.items()}
-
-
-def _whole_rows(data: Bytes, part: RowPart) -> NDArray[np.void]:
-    """(n,) rows with their fields by name."""
-    layout = part.layout
-    view = np.ndarray((len(data) - layout.shortest + 1,), f"V{layout.shortest}", data, strides=(1,))
-    packed = {
-        "names": [field.name for field in layout.fields],
-        "formats": [(field.dtype, field.items) if field.items > 1 else field.dtype for field in layout.fields],
-        "offsets": [field.at for field in layout.fields],
-        "itemsize": layout.shortest,
-    }
-    rows: NDArray[np.void] = view[part.place + ROW_HEAD_BYTES].view(np.dtype(packed))  # type: ignore[call-overload]
-    return rows
+                    read[name].append(_missing(known, len(part.place)))
+        return {name: self._joined(parts) for name, parts in read.items()}
 
 
 def _measure(message: str, field: RowField) -> Measure:
@@ -162,12 +156,11 @@ class MadeTable(Table):
 
     @cached_property
     def columns(self) -> Mapping[str, Column]:
-        return MappingProxyType(
-            {
-                name: Column(name, kind="text") if values.dtype.kind == "U" else _made_column(self.name, name)
-                for name, values in self._values.items()
-            }
-        )
+        columns = {}
+        for name, values in self._values.items():
+            unit = measure_of(self.name, name).unit
+            columns[name] = Column(name, kind="text") if values.dtype.kind == "U" else Column(name, unit, unit)
+        return MappingProxyType(columns)
 
     def __len__(self) -> int:
         return len(self._place)
@@ -182,8 +175,3 @@ class MadeTable(Table):
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         return self._values[column][rows]
-
-
-def _made_column(message: str, name: str) -> Column:
-    unit = measure_of(message, name).unit
-    return Column(name, unit, unit)

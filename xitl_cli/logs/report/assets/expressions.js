@@ -2,7 +2,7 @@
 
 const expressions = (() => {
 "use strict";
-const LONGEST = 1000, DEEPEST = 50, SHORT_WAY = "is the short way round";
+const LONGEST = 1000, DEEPEST = 50, SHORT_WAY = "gives the shorter angle";
 const fail = (sentence) => { throw new Error(sentence); };
 
 // Syntax
@@ -23,7 +23,7 @@ const parseExpression = (text, known = []) => {
   if (text.length > LONGEST) fail(`is longer than ${LONGEST} characters`);
   const odd = known.filter((name) => [PATTERNS.topic, PATTERNS.name].every((pattern) => matched(pattern, name, 0) !== name)).sort((a, b) => b.length - a.length);
   let at = 0, depth = 0, ended = 0, token;
-  const broken = (why) => fail(`is no expression (${why})`);
+  const broken = (why) => fail(`is not a valid expression (${why})`);
   const next = (operand) => {
     ended = at;
     while (/\s/.test(text[at] ?? "")) at += 1;
@@ -37,14 +37,14 @@ const parseExpression = (text, known = []) => {
       const raw = matched(PATTERNS[kind], text, at);
       if (raw) { put(RESERVED.has(raw) ? "word" : kind === "topic" ? "name" : kind, raw); return; }
     }
-    broken(text[at] === "=" ? "one = compares nothing, write ==" : `'${text[at]}' at its character ${at + 1}`);
+    broken(text[at] === "=" ? "= does not compare; write ==" : `'${text[at]}' at its character ${at + 1}`);
   };
   const is = (sign) => (token.kind === "sign" || token.kind === "word") && token.text === sign;
-  const unexpected = () => broken(token.kind === "end" ? "it ends where something is missing" : `'${token.text}' is not allowed at its character ${token.begin + 1}`);
+  const unexpected = () => broken(token.kind === "end" ? "it is incomplete" : `'${token.text}' is not allowed at its character ${token.begin + 1}`);
   const node = (type, begin, parts) => ({ type, text: text.slice(begin, ended), begin, ...parts });
   const deeper = (read) => {
     depth += 1;
-    if (depth > DEEPEST) fail(`is nested more than ${DEEPEST} deep`);
+    if (depth > DEEPEST) fail(`is nested more than ${DEEPEST} levels deep`);
     const found = read();
     depth -= 1;
     return found;
@@ -64,7 +64,7 @@ const parseExpression = (text, known = []) => {
   const chain = (signs, part) => {
     let left = part();
     for (let many = 0; signs.some(is); many += 1) {
-      if (many >= DEEPEST) fail(`is nested more than ${DEEPEST} deep`);
+      if (many >= DEEPEST) fail(`is nested more than ${DEEPEST} levels deep`);
       const sign = token.text;
       next(true);
       const right = part();
@@ -253,11 +253,11 @@ const worksOut = (tree, resolve, t, notes) => {
     if (node.type === "comparison") return compared(node);
     return node.type === "arithmetic" ? computed(node) : called(node);
   };
-  const number = (node) => { const one = of(node); return one.kind === "number" ? one : fail(`cannot be worked out: '${node.text}' is no number`); };
-  const truth = (node) => { const one = of(node); return one.kind === "truth" ? one : fail(`cannot be worked out: '${node.text}' is no condition; compare it, such as '… > 0'`); };
+  const number = (node) => { const one = of(node); return one.kind === "number" ? one : fail(`cannot be evaluated: '${node.text}' is not a number`); };
+  const truth = (node) => { const one = of(node); return one.kind === "truth" ? one : fail(`cannot be evaluated: '${node.text}' is not a condition; compare it, such as '… > 0'`); };
   const compared = (node) => {
     const sides = node.sides.map(of);
-    if (new Set(sides.map((side) => side.kind === "text")).size > 1) fail("compares a text with a number; put texts in quotes, numbers not");
+    if (new Set(sides.map((side) => side.kind === "text")).size > 1) fail("compares a text with a number; put quotes around texts only");
     return quantity("truth", (row) => node.signs.every((sign, index) => COMPARE[sign](sides[index].at(row), sides[index + 1].at(row))));
   };
   const computed = (node) => {
@@ -267,10 +267,10 @@ const worksOut = (tree, resolve, t, notes) => {
     if (node.sign === "**") unit = right.constant ? powerUnit(left.unit, right.at(0)) : left.unit === null ? null : "";
     const at = (row) => compute(left.at(row), right.at(row));
     if ((node.sign === "+" || node.sign === "-") && left.unit && right.unit) {
-      if (!unit) notes.push(`${node.text} is of ${left.unit} and ${right.unit}`);
+      if (!unit) notes.push(`${node.text} mixes ${left.unit} and ${right.unit}`);
       const half = { deg: 180, rad: Math.PI }[unit];
       if (half && node.sign === "-" && t.some((_, row) => Math.abs(at(row)) > half))
-        notes.push(`${node.text} goes beyond half a turn; ${unit === "deg" ? "wrap180" : "wrap_pi"}(${node.text}) ${SHORT_WAY}`);
+        notes.push(`${node.text} exceeds half a turn; ${unit === "deg" ? "wrap180" : "wrap_pi"}(${node.text}) ${SHORT_WAY}`);
     }
     return quantity("number", at, unit, left.constant && right.constant);
   };
@@ -283,7 +283,7 @@ const worksOut = (tree, resolve, t, notes) => {
     const values = node.parts.map(number), units = values.map((value) => value.unit);
     if (ROUND.has(node.name)) notes.push(...notes.splice(told).filter((note) => !note.endsWith(SHORT_WAY)));
     if (along) {
-      if (values[1] && !(values[1].constant && values[1].at(0) > 0)) fail(`holds ${node.text}: its time is a number of seconds above 0`);
+      if (values[1] && !(values[1].constant && values[1].at(0) > 0)) fail(`contains ${node.text}: the time must be a number of seconds above 0`);
       const found = along(t, all(values[0].at), values[1]?.at(0), units[0]);
       return quantity("number", (row) => found[row], unit(units));
     }
@@ -293,7 +293,7 @@ const worksOut = (tree, resolve, t, notes) => {
     return quantity("number", (row) => apply(...values.map((value) => value.at(row))), unit(units), values.every((value) => value.constant));
   };
   const result = of(tree);
-  if (result.kind === "text") fail("is a text, which is no signal; compare it with something");
+  if (result.kind === "text") fail("is a text, not a signal; compare it with another text");
   return { values: all((row) => Number(result.at(row))), unit: result.unit ?? "", held: result.kind === "truth" };
 };
 
@@ -351,14 +351,14 @@ const signalOf = (source, text) => {
   }
   const paths = [...new Set(namesIn(tree))].filter((path) => path.toLowerCase() !== "time_s");
   const columns = new Map(paths.map((path) => [path, columnOf(source, path)]));
-  if (!columns.size) fail("names no signal; write one such as ATT.Roll in it");
+  if (!columns.size) fail("contains no signal; add one, such as ATT.Roll");
   const tables = new Map([...columns.values()].map(({ table }) => [table, rowsRising(table.t)]));
   const first = ([table, rows]) => table.t[rows[0]], last = ([table, rows]) => table.t[rows[rows.length - 1]];
   const moving = [...tables].filter(([table]) => [...columns.values()].some((each) => each.table === table && !each.column.held));
   const begin = Math.max(...[...tables].map(first)), end = Math.min(...(moving.length ? moving : [...tables]).map(last));
   const inside = [...tables].map(([table, rows]) => [table, rows.filter((row) => table.t[row] >= begin && table.t[row] <= end)]);
   const [base, rows] = inside.reduce((best, each) => (each[1].length > best[1].length ? each : best));
-  if (!rows.length) fail(`is of ${[...tables.keys()].map((table) => tableLabel(table, source)).join(" and ")}, which have no time in common`);
+  if (!rows.length) fail(`is of ${[...tables.keys()].map((table) => tableLabel(table, source)).join(" and ")}, which do not overlap in time`);
   const t = Float64Array.from(rows, (row) => base.t[row]), notes = [];
   const known = new Map([...columns].map(([path, { table, column }]) =>
     [path, { unit: column.unit, values: table === base ? rows.map((row) => column.values[row]) : interpolated(table, column, t) }]));

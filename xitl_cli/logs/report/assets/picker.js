@@ -45,7 +45,7 @@ const picker = () => {
     const units = new Map(), said = new Set();
     for (const text of picks) for (const signal of found(text)) {
       const name = signal.label ? `${text} · ${signal.label}` : text;
-      if (signal.others.length) said.add(`${name}: at the times of ${signal.base}, with ${signal.others.join(", ")} brought onto them`);
+      if (signal.others.length) said.add(`${name}: at the times of ${signal.base}, with ${signal.others.join(", ")} resampled`);
       for (const note of signal.notes) said.add(note);
       const traces = units.get(signal.unit) ?? [];
       traces.push({ name, x: signal.t, y: signal.values, style: signal.held ? "steps" : "line", shown: true });

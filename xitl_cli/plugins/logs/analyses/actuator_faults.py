@@ -19,7 +19,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import yaw, yaw_rate
-from xitl_cli.logs.signals.receivers import GnssReceiver, gnss_receivers, injected_receivers
+from xitl_cli.logs.signals.receivers import gnss_receivers, injected_receivers
 from xitl_cli.logs.signals.sensors import injected_units
 from xitl_cli.logs.signals.series import Series, make_series
 from xitl_cli.logs.signals.spans import runs
@@ -34,7 +34,7 @@ _FEWEST_ROWS = 100
 _LENGTHS_S = (10.0, 12.5, 15.0, 17.5, 20.0, 22.5, 25.0, 30.0, 35.0, 40.0, 50.0, 60.0)
 _MOST_SPANS = 2000
 _EVEN, _LINEAR, _ODD = range(3)
-"""Columns of a design."""
+"""First columns of the commands: the part of the thrust that is equal ahead and astern, and the other parts."""
 _ASTERN_LESS, _ASTERN_SPREAD = 0.2, 0.2
 """Part of the thrust of a command that does not change its sign with it, as share of the part that does. 0.2 is a
 propeller that gives two thirds of its thrust astern."""
@@ -122,7 +122,9 @@ class ActuatorFault:
 def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
     if vehicle_kind(log) != "rover":
         return
-    driven = [each for each in driven_outputs(log, parameter_values(log)) if np.ptp(np.nan_to_num(each.command)) > 0.1]
+    driven = [
+        output for output in driven_outputs(log, parameter_values(log)) if np.ptp(np.nan_to_num(output.command)) > 0.1
+    ]
     motion = vessel_motion(log, driven)
     if motion is None:
         return
@@ -131,43 +133,38 @@ def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
         if not any(
             fault.from_ns < turn.until_ns and turn.from_ns < (fault.until_ns or turn.until_ns) for fault in faults
         ):
-            yield _of_unanswered(turn, driven, clock)
+            yield _of_unanswered(turn, driven[0], clock)
     for fault in faults:
         output = driven[fault.output]
         end_ns = fault.until_ns or int(motion.stamp_ns[-1])
         until = "the end of the log" if fault.until_ns is None else clock.text(fault.until_ns)
+        sentence = f"From {clock.text(fault.from_ns)} to {until} the vessel answers as if {output.name} "
+        sentence += _as_if(fault, output)
+        if fault.other is not None:
+            sentence += f", or {_as_if(fault.other, output)}: its commands varied too little to tell"
+        if fault.began_ns is not None:
+            earliest, latest = (clock.text(at_ns) for at_ns in fault.began_ns)
+            sentence += (
+                f"; it began between {earliest} and {latest}, as its commands hardly differed from it in this time"
+            )
         yield Finding.warning(
             f"actuation.{fault.kind}",
-            f"From {clock.text(fault.from_ns)} to {until} the vessel answers as if {output.name} "
-            f"{_as_if(fault, output)}{_or_as_if(fault, output)}{_began(fault, clock)}",
+            sentence,
             (Evidence(*_message_and_field(output.series), fault.from_ns, end_ns, f"{fault.size:.2f}"),),
-            "Look at this propeller or rudder, its gear, its motor and its wires; it did not do as commanded.",
+            "Check this propeller or rudder, its gear, its motor and its wires: it did not do what was commanded.",
         )
 
 
-def _or_as_if(fault: ActuatorFault, output: OutputChannel) -> str:
-    if fault.other is None:
-        return ""
-    return f", or {_as_if(fault.other, output)}: its commands varied too little to tell"
-
-
-def _of_unanswered(turn: UnansweredTurn, driven: Sequence[OutputChannel], clock: LogClock) -> Finding:
+def _of_unanswered(turn: UnansweredTurn, output: OutputChannel, clock: LogClock) -> Finding:
     turned, commanded = ("starboard", "port") if turn.yaw_rate_radps > 0.0 else ("port", "starboard")
     rate = f"{abs(np.degrees(turn.yaw_rate_radps)):.0f} deg/s"
     return Finding.warning(
         "actuation.unanswered",
         f"From {clock.text(turn.from_ns)} to {clock.text(turn.until_ns)} the vessel did not answer its commands: it "
         f"turned to {turned} at {rate} while they were to {commanded}",
-        tuple(Evidence(*_message_and_field(each.series), turn.from_ns, turn.until_ns, rate) for each in driven[:1]),
-        "Look at the propellers, rudders and their wires: is one reversed, without thrust or stuck?",
+        (Evidence(*_message_and_field(output.series), turn.from_ns, turn.until_ns, rate),),
+        "Check the propellers, the rudders and their wires: is one reversed, without thrust or stuck?",
     )
-
-
-def _began(fault: ActuatorFault, clock: LogClock) -> str:
-    if fault.began_ns is None:
-        return ""
-    earliest, latest = (clock.text(at_ns) for at_ns in fault.began_ns)
-    return f"; it began between {earliest} and {latest}, as its commands hardly differed from it in this time"
 
 
 def _as_if(fault: ActuatorFault, output: OutputChannel) -> str:
@@ -189,16 +186,22 @@ def _message_and_field(series: Series) -> tuple[str, str]:
 def vessel_motion(log: Log, driven: Sequence[OutputChannel]) -> VesselMotion | None:
     """Longest time in which the vehicle was armed; None if heading, speed or commands are not logged."""
     turning, heading = _turning(log), yaw(log)
-    receiver = next(iter(gnss_receivers(log) or injected_receivers(log)), None)
-    velocity = None if receiver is None else _velocity(receiver)
-    if turning is None or heading is None or velocity is None or not any(each.drives for each in driven):
+    velocity = None
+    if receivers := gnss_receivers(log) or injected_receivers(log):
+        fixed = receivers[0].fix >= 3
+        velocity = make_series(receivers[0].stamp_ns[fixed], receivers[0].vel_ned_mps[fixed, :2], "m/s", "velocity")
+    if turning is None or heading is None or velocity is None or not any(output.drives for output in driven):
         return None
-    commands = [make_series(each.series.stamp_ns, each.command, "", each.name) for each in driven]
-    known = [each for each in (turning, heading, velocity, *commands) if each is not None]
-    if len(known) != 3 + len(driven):
+    commands = [
+        series
+        for output in driven
+        if (series := make_series(output.series.stamp_ns, output.command, "", output.name)) is not None
+    ]
+    if len(commands) != len(driven):
         return None
-    begin = max(int(each.stamp_ns[0]) for each in known)
-    end = min(int(each.stamp_ns[-1]) for each in known)
+    needed = (turning, heading, velocity, *commands)
+    begin = max(int(series.stamp_ns[0]) for series in needed)
+    end = min(int(series.stamp_ns[-1]) for series in needed)
     step_ns = round(1e9 / RATE_HZ)
     many = (end - begin) // step_ns
     if not _FEWEST_ROWS * _STRIDE < many < 200_000:
@@ -217,8 +220,8 @@ def vessel_motion(log: Log, driven: Sequence[OutputChannel]) -> VesselMotion | N
         north * np.cos(psi) + east * np.sin(psi),
         east * np.cos(psi) - north * np.sin(psi),
         psi,
-        np.stack([_averaged(each, at_ns) for each in commands if each is not None], axis=1),
-        np.array([not each.drives for each in driven]),
+        np.stack([_averaged(series, at_ns) for series in commands], axis=1),
+        np.array([not output.drives for output in driven]),
     )
 
 
@@ -228,11 +231,6 @@ def _turning(log: Log) -> Series | None:
         if unit.gyro_radps is not None:
             return make_series(unit.stamp_ns, np.degrees(unit.gyro_radps[:, 2]), "deg/s", unit.name)
     return yaw_rate(log)
-
-
-def _velocity(receiver: GnssReceiver) -> Series | None:
-    fixed = receiver.fix >= 3
-    return make_series(receiver.stamp_ns[fixed], receiver.vel_ned_mps[fixed, :2], "m/s", receiver.message)
 
 
 def _averaged(series: Series, at_ns: Stamps) -> Floats:
@@ -294,25 +292,30 @@ class _Fit:
         turning, surge = self.motion.yaw_rate_radps, self.motion.surge_mps
         return (turning[self.rows + _REACH] - turning[self.rows], surge[self.rows + _REACH] - surge[self.rows])
 
-    def designs(self, commands: Floats, shares: Floats | None = None) -> tuple[Floats, Floats]:
-        """Designs (N, K) for yaw rate and for surge, averaged over the second of each row.
-
-        The first columns are `_EVEN`, the part of the thrust that is equal ahead and astern, and the other parts.
-
-        shares: (A,) share of the usual thrust that each output gives; None for all of it.
-        """
+    @cached_property
+    def motion_columns(self) -> tuple[Floats, Floats]:
+        """Columns (N, F) of wind, current and drag for yaw rate and for surge, averaged over the second of each row."""
         moving = self.motion
         turning, surge, sway = moving.yaw_rate_radps, moving.surge_mps, moving.sway_mps
         wind = [np.ones(len(turning)), np.cos(moving.yaw_rad), np.sin(moving.yaw_rad)]
-        drives, steering = commands[:, ~moving.steers], commands[:, moving.steers]
-        share = np.ones(drives.shape[1]) if shares is None else shares[~moving.steers]
-        thrust = (drives * np.abs(drives)) @ share
         yawing = [*wind, turning, turning * np.abs(turning), surge * turning, sway, surge * sway]
         along = [*wind, surge, surge * np.abs(surge), turning**2, turning * sway]
+        return self._means(yawing), self._means(along)
+
+    def command_columns(self, commands: Floats, shares: Floats | None = None) -> tuple[Floats, Floats]:
+        """Columns (N, K) of thrust, then of rudders, averaged as `motion_columns`.
+
+        shares: (A,) share of the usual thrust that each output gives; None for all of it.
+        """
+        steers, surge = self.motion.steers, self.motion.surge_mps
+        drives, steering = commands[:, ~steers], commands[:, steers]
+        share = np.ones(drives.shape[1]) if shares is None else shares[~steers]
+        squared = drives * np.abs(drives)
+        thrust = squared @ share
         # Assume equal propellers, with the same lever arm on both sides.
-        for part in (drives * np.abs(drives) + _ASTERN_LESS * drives**2, drives, drives**2):
-            yawing.insert(0, part @ (share * self.sides))
-            along.insert(0, part @ share)
+        parts = (drives**2, drives, squared + _ASTERN_LESS * drives**2)
+        yawing = [part @ (share * self.sides) for part in parts]
+        along = [part @ share for part in parts]
         for angle in steering.T:
             yawing += [angle, angle * surge * np.abs(surge), angle * thrust]
             along += [angle**2 * thrust]
@@ -343,11 +346,11 @@ def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
         return []
     # Choose the lag by the best fit with a fault: a fault that the model lacks makes a wrong lag look good.
     searches = [_Search(first.lagged(lag_s), _scales(first)) for lag_s in _LAGS_S]
-    search = min(searches, key=lambda each: each.least_squares())
-    found: list[ActuatorFault] = []
-    while len(found) < _MOST_FAULTS and (fault := search.next_fault()) is not None:
-        found.append(fault)
-    joined = _joined(sorted(found, key=lambda fault: fault.from_ns))
+    search = min(searches, key=_Search.least_squares)
+    faults: list[ActuatorFault] = []
+    while len(faults) < _MOST_FAULTS and (fault := search.next_fault()) is not None:
+        faults.append(fault)
+    joined = _joined(sorted(faults, key=lambda fault: fault.from_ns))
     return [fault for fault in joined if _certain(fault, motion)]
 
 
@@ -403,7 +406,7 @@ def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
         last = joined[-1] if joined else None
         same = last is not None and (last.kind, last.output) == (fault.kind, fault.output)
         if last is not None and same and last.until_ns and fault.from_ns - last.until_ns < _PAUSE_NS:
-            size = max((last, fault), key=lambda each: each.gain).size
+            size = last.size if last.gain >= fault.gain else fault.size
             gain = last.gain + fault.gain
             joined[-1] = replace(last, until_ns=fault.until_ns, size=size, gain=gain)
         else:
@@ -413,14 +416,12 @@ def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
 
 def _scales(fit: _Fit) -> list[float]:
     """Noise of both changes."""
-    return [
-        1.4826 * float(np.median(np.abs(change - design @ np.linalg.lstsq(design, change, rcond=None)[0]))) + 1e-9
-        for design, change in zip(fit.designs(fit.commands), fit.changes, strict=True)
-    ]
-
-
-def _squares(values: Floats) -> float:
-    return float(values @ values)
+    scales = []
+    columns = zip(fit.command_columns(fit.commands), fit.motion_columns, strict=True)
+    for design, change in zip(map(np.hstack, columns), fit.changes, strict=True):
+        residual = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
+        scales.append(1.4826 * float(np.median(np.abs(residual))) + 1e-9)
+    return scales
 
 
 @dataclass(frozen=True, slots=True)
@@ -433,18 +434,59 @@ class _Hypothesis:
     """As that of `ActuatorFault`."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Sums:
-    """Cumulative normal equations of one change, from the first row to each row."""
+class _Change:
+    """The fit of one change, in units of its noise.
 
-    gram: Floats
-    """(N + 1, K, K)"""
-    moment: Floats
-    """(N + 1, K)"""
+    The columns of the motion are the same for every fault. They are eliminated once, so that each hypothesis and span
+    solves for the few coefficients of the commands only.
+    """
 
-    def between(self, begin: NDArray[np.intp], after: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """(S, K, K) and (S, K) of the rows of S spans."""
-        return self.gram[after] - self.gram[begin], self.moment[after] - self.moment[begin]
+    def __init__(self, commands: Floats, motion: Floats, change: Floats, scale: float) -> None:
+        """commands: (N, K). motion: (N, F). change: (N,)."""
+        self._change = change / scale
+        self._motion = motion / _norms(motion)
+        self._norms = _norms(commands)
+        self.commands = commands / self._norms
+        """(N, K)"""
+        # A vessel seldom drives astern. Without a limit, a reversed propeller could then give any thrust.
+        self._ridge = 1e-4 * len(change)
+        rest = np.hstack([self.commands[:, _ODD:], self._motion])
+        odd = np.linalg.solve(rest.T @ rest + self._ridge * np.eye(rest.shape[1]), rest.T @ self._change)[0]
+        self._prior = np.full(commands.shape[1], self._ridge)
+        """(K,) weights of squared coefficients."""
+        self._prior[_EVEN] += 1.0 / max(_ASTERN_SPREAD * abs(float(odd)), 1e-3) ** 2
+        self.use_rows(np.ones(len(change), dtype=np.bool_))
+
+    def use_rows(self, sound: Flags) -> None:
+        """Fit these rows (N,), and eliminate the motion from them."""
+        self._sound = sound
+        motion, change = self._motion.T * sound, self._change * sound
+        factor = np.linalg.cholesky(motion @ motion.T + self._ridge * np.eye(len(motion)))
+        self._white = np.linalg.solve(factor, motion)  # (F, N)
+        along = self._white @ change
+        self._left = change - along @ self._white
+        self.squares = float(change @ change - along @ along)
+        """Squared residuals without the commands."""
+
+    def scaled(self, commands: Floats) -> Floats:
+        """Columns of other commands, in the units of `commands`."""
+        return commands / self._norms
+
+    def sums(self, commands: Floats) -> Floats:
+        """(K, K + F + 1, N + 1) cumulative products of the columns, from the first row to each row."""
+        columns = commands.T * self._sound
+        others = np.concatenate([columns, self._white, self._left[None]])
+        sums = np.zeros((len(columns), len(others), columns.shape[1] + 1))
+        np.cumsum(columns[:, None] * others, axis=2, out=sums[:, :, 1:])
+        return sums
+
+    def equations(self, sums: Floats) -> tuple[Floats, Floats]:
+        """Normal equations (K, K, S) and (K, S) of the commands, from the products (K, K + F + 1, S) of S spans."""
+        many = len(sums)
+        across = sums[:, many:-1]
+        gram = sums[:, :many] - np.einsum("ifs,jfs->ijs", across, across)
+        gram[np.arange(many), np.arange(many)] += self._prior[:, None]
+        return gram, sums[:, -1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -456,6 +498,10 @@ class _Candidate:
     hypothesis: _Hypothesis
 
 
+def _squares_of(candidate: _Candidate) -> float:
+    return candidate.squares
+
+
 class _Search:
     """Search over spans and hypotheses, with both changes in units of their noise.
 
@@ -465,13 +511,8 @@ class _Search:
 
     def __init__(self, fit: _Fit, scales: Sequence[float]) -> None:
         self._fit = fit
-        designs = fit.designs(fit.commands)
-        self._changes = [change / scale for change, scale in zip(fit.changes, scales, strict=True)]
-        self._norms = [np.sqrt(np.mean(design**2, axis=0)) + 1e-9 for design in designs]
-        self._designs = [design / norm for design, norm in zip(designs, self._norms, strict=True)]
-        self._priors = [
-            self._prior(design, change) for design, change in zip(self._designs, self._changes, strict=True)
-        ]
+        columns = zip(fit.command_columns(fit.commands), fit.motion_columns, fit.changes, scales, strict=True)
+        self._changes = [_Change(*parts) for parts in columns]
         self._free = np.ones(len(fit.rows), dtype=np.bool_)
         """(N,) rows without an earlier fault."""
         self._sound = np.ones(len(fit.rows), dtype=np.bool_)
@@ -480,83 +521,55 @@ class _Search:
 
     def least_squares(self) -> float:
         """Squared residuals with the best of a few faults."""
-        usual, spans = self._sums(self._designs), self._spans()
+        usual, spans = self._usual_sums(), self._spans()
         few = _hypotheses(self._fit.motion.steers, _FEW_SIZES)
         if not len(spans):
             return float("inf")
-        best = min(self._coarse(usual, spans, few), key=lambda each: each.squares)
+        best = min(self._coarse(usual, spans, few), key=_squares_of)
         near = self._near(best.span)
-        squares = self._squares(self._outside(usual, near), self._sums(self._with(best.hypothesis)), near)
-        return float(squares.min(initial=best.squares))
+        return min(best.squares, self._best_span(best.hypothesis, _outside(usual, near), near).squares)
 
-    def _prior(self, design: Floats, change: Floats) -> Floats:
-        """(K,) weights of squared coefficients.
-
-        A vessel seldom drives astern. Without a limit, a reversed propeller could then give any thrust.
-        """
-        weights = np.full(design.shape[1], 1e-4 * len(design))
-        rest = np.delete(design, (_EVEN, _LINEAR), axis=1)
-        odd = np.linalg.solve(rest.T @ rest + 1e-4 * len(design) * np.eye(rest.shape[1]), rest.T @ change)[0]
-        weights[_EVEN] += 1.0 / max(_ASTERN_SPREAD * abs(float(odd)), 1e-3) ** 2
-        return weights
-
-    def _with(self, hypothesis: _Hypothesis) -> list[Floats]:
-        """Designs for a vessel that has the fault all the time."""
+    def _columns(self, hypothesis: _Hypothesis) -> list[Floats]:
+        """Columns of the commands of a vessel that has the fault all the time."""
         commands, shares = self._fit.commands.copy(), np.ones(self._fit.commands.shape[1])
         output = hypothesis.output
         if hypothesis.kind == "thrust_loss":
             shares[output] = 1.0 - hypothesis.size
         else:
             commands[:, output] = -commands[:, output] if hypothesis.kind == "reversed" else hypothesis.size
-        designs = self._fit.designs(commands, shares)
-        return [design / norm for design, norm in zip(designs, self._norms, strict=True)]
+        both = self._fit.command_columns(commands, shares)
+        return [change.scaled(columns) for change, columns in zip(self._changes, both, strict=True)]
 
-    def _sums(self, designs: Sequence[Floats]) -> list[_Sums]:
-        sound = self._sound
-        return [
-            _summed(design * sound[:, None], change * sound)
-            for design, change in zip(designs, self._changes, strict=True)
-        ]
+    def _usual_sums(self) -> list[Floats]:
+        return [change.sums(change.commands) for change in self._changes]
 
-    def _outside(self, usual: Sequence[_Sums], spans: Spans) -> list[tuple[Floats, Floats]]:
-        """Normal equations of the rows outside of each span, which are the same for every hypothesis.
-
-        One pair of (S, K, K) and (S, K) for each change.
-        """
-        inside = (known.between(spans[:, 0], spans[:, 1]) for known in usual)
-        return [
-            (known.gram[-1] - gram, known.moment[-1] - moment)
-            for known, (gram, moment) in zip(usual, inside, strict=True)
-        ]
-
-    def _squares(self, outside: Sequence[tuple[Floats, Floats]], faulty: Sequence[_Sums], spans: Spans) -> Floats:
-        """(S,) squared residuals of all rows, for a fault in each span (S, 2). outside: as `_outside` returns it."""
-        total = np.full(len(spans), sum(_squares(change[self._sound]) for change in self._changes))
-        for (gram, moment), other, prior in zip(outside, faulty, self._priors, strict=True):
-            more_gram, more_moment = other.between(spans[:, 0], spans[:, 1])
-            moments = moment + more_moment
-            grams = gram + more_gram + np.diag(prior)
-            total -= np.einsum("sk,sk->s", moments, np.linalg.solve(grams, moments[:, :, None])[:, :, 0])
-        return total
+    def _best_span(self, hypothesis: _Hypothesis, outside: Sequence[Floats], spans: Spans) -> _Candidate:
+        """The span (of S, 2) with the least squared residuals of all rows. outside: as `_outside` returns it."""
+        squares = np.full(len(spans), sum(change.squares for change in self._changes))
+        for change, sound_part, columns in zip(self._changes, outside, self._columns(hypothesis), strict=True):
+            squares -= _explained(*change.equations(sound_part + _between(change.sums(columns), spans)))
+        best = int(np.argmin(squares))
+        return _Candidate(float(squares[best]), (int(spans[best, 0]), int(spans[best, 1])), hypothesis)
 
     def next_fault(self) -> ActuatorFault | None:
         """The fault that improves the fit most, in rows without an earlier fault.
 
         The model keeps the fault: later searches start from commands that contain it.
         """
-        usual = self._sums(self._designs)
-        nowhere = np.zeros((1, 2), dtype=np.intp)
-        whole = float(self._squares(self._outside(usual, nowhere), usual, nowhere)[0])
         spans = self._spans()
         if not len(spans):
             return None
+        usual = self._usual_sums()
+        whole = 0.0  # squared residuals without a further fault
+        for change, sums in zip(self._changes, usual, strict=True):
+            whole += change.squares - float(_explained(*change.equations(sums[:, :, -1:].copy()))[0])
         refined = self._refined(usual, self._coarse(usual, spans, self._hypotheses))
-        variance = min(each.squares for each in refined) / (2.0 * float(self._sound.sum()))  # of a row
-        most = whole - min(each.squares for each in refined)
+        least = min(candidate.squares for candidate in refined)
+        variance = least / (2.0 * float(self._sound.sum()))  # of a row
 
-        def handicapped(each: _Candidate) -> float:
-            times, share = _HANDICAPS[each.hypothesis.kind]
-            return each.squares + times * variance + share * most
+        def handicapped(candidate: _Candidate) -> float:
+            times, share = _HANDICAPS[candidate.hypothesis.kind]
+            return candidate.squares + times * variance + share * (whole - least)
 
         ranked = sorted(refined, key=handicapped)
         chosen = ranked[0]
@@ -566,10 +579,10 @@ class _Search:
         chosen, within = self._onset(usual, chosen, variance, gain)
         self._keep(chosen)
         rivals = [
-            self._fault(each, gain)
-            for each in ranked[1:]
-            if each.hypothesis.output == chosen.hypothesis.output
-            and whole - each.squares >= _AS_GOOD * (whole - chosen.squares)
+            self._fault(candidate, gain)
+            for candidate in ranked[1:]
+            if candidate.hypothesis.output == chosen.hypothesis.output
+            and whole - candidate.squares >= _AS_GOOD * (whole - chosen.squares)
         ]
         fault = self._fault(chosen, gain)
         began = (self._at_ns(within[0]), self._at_ns(within[1]))
@@ -578,22 +591,19 @@ class _Search:
         return replace(fault, other=rivals[0] if rivals else None)
 
     def _onset(
-        self, usual: Sequence[_Sums], chosen: _Candidate, variance: float, gain: float
+        self, usual: Sequence[Floats], chosen: _Candidate, variance: float, gain: float
     ) -> tuple[_Candidate, tuple[int, int]]:
         """The candidate with the onset at which it shows, and the rows between which it began.
 
         An actuator that is stuck at its command, or lost thrust at rest, does not show until the command changes.
         """
         begin, after = chosen.span
-        designs = self._with(chosen.hypothesis)
         shown = np.zeros(len(self._free))
         span = np.array([chosen.span])
-        for design, faulty, prior, known, other in zip(
-            self._designs, designs, self._priors, usual, self._sums(designs), strict=True
-        ):
-            less, more = known.between(*span.T), other.between(*span.T)
-            gram, moment = (known.gram[-1] - less[0] + more[0])[0], (known.moment[-1] - less[1] + more[1])[0]
-            shown += ((faulty - design) @ np.linalg.solve(gram + np.diag(prior), moment)) ** 2
+        outside = _outside(usual, span)
+        for change, columns, sound_part in zip(self._changes, self._columns(chosen.hypothesis), outside, strict=True):
+            gram, moment = change.equations(sound_part + _between(change.sums(columns), span))
+            shown += ((columns - change.commands) @ np.linalg.solve(gram[:, :, 0], moment[:, 0])) ** 2
         shown /= max(variance, 1e-9)
         sure = max(_SURE, _SURE_SHARE * gain)
         so_far = np.cumsum(np.where(shown > _SHOWN, shown, 0.0))
@@ -610,48 +620,36 @@ class _Search:
 
     def _keep(self, chosen: _Candidate) -> None:
         begin, after = chosen.span
-        for design, faulty in zip(self._designs, self._with(chosen.hypothesis), strict=True):
-            design[begin:after] = faulty[begin:after]
-        self._free[begin:after] = False
         for end in chosen.span:  # a row that spans an end has both commands
             self._sound[max(end - _REACH // _STRIDE, 0) : end + _REACH // _STRIDE] = False
+        self._free[begin:after] = False
+        for change, columns in zip(self._changes, self._columns(chosen.hypothesis), strict=True):
+            change.commands[begin:after] = columns[begin:after]
+            change.use_rows(self._sound)
 
-    def _coarse(self, usual: Sequence[_Sums], spans: Spans, every: Sequence[_Hypothesis]) -> list[_Candidate]:
+    def _coarse(self, usual: Sequence[Floats], spans: Spans, hypotheses: Sequence[_Hypothesis]) -> list[_Candidate]:
         """The best span of each hypothesis."""
-        found = []
-        outside = self._outside(usual, spans)
-        for hypothesis in every:
-            squares = self._squares(outside, self._sums(self._with(hypothesis)), spans)
-            at = int(np.argmin(squares))
-            found.append(_Candidate(float(squares[at]), (int(spans[at, 0]), int(spans[at, 1])), hypothesis))
-        return found
+        outside = _outside(usual, spans)
+        return [self._best_span(hypothesis, outside, spans) for hypothesis in hypotheses]
 
-    def _refined(self, usual: Sequence[_Sums], every: Sequence[_Candidate]) -> list[_Candidate]:
+    def _refined(self, usual: Sequence[Floats], candidates: Sequence[_Candidate]) -> list[_Candidate]:
         """The best of each kind and output, with ends to a row and a finer size."""
-        found = []
         groups: dict[tuple[str, int], list[_Candidate]] = {}
-        for each in every:
-            groups.setdefault((each.hypothesis.kind, each.hypothesis.output), []).append(each)
-        for group in groups.values():
-            best = min(group, key=lambda each: each.squares)
+        for candidate in candidates:
+            groups.setdefault((candidate.hypothesis.kind, candidate.hypothesis.output), []).append(candidate)
+        refined = []
+        for (kind, _), group in groups.items():
+            best = min(group, key=_squares_of)
+            smallest = 0.0 if kind == "thrust_loss" else -1.0
             for step in (0.0, 0.05, 0.02):
-                tried = [best.hypothesis]
-                if best.hypothesis.kind != "reversed" and step:
-                    tried = [
-                        replace(best.hypothesis, size=best.hypothesis.size + by * step) for by in (-2, -1, 0, 1, 2)
-                    ]
-                    tried = [
-                        each for each in tried if (0.0 if each.kind == "thrust_loss" else -1.0) <= each.size <= 1.0
-                    ]
+                steps = (0.0,) if kind == "reversed" or not step else (-2 * step, -step, 0.0, step, 2 * step)
+                sizes = [best.hypothesis.size + change for change in steps]
                 near = self._near(best.span)
-                outside = self._outside(usual, near)
-                for hypothesis in tried:
-                    squares = self._squares(outside, self._sums(self._with(hypothesis)), near)
-                    at = int(np.argmin(squares))
-                    if squares[at] < best.squares:
-                        best = _Candidate(float(squares[at]), (int(near[at, 0]), int(near[at, 1])), hypothesis)
-            found.append(best)
-        return found
+                outside = _outside(usual, near)
+                for hypothesis in [replace(best.hypothesis, size=size) for size in sizes if smallest <= size <= 1.0]:
+                    best = min(best, self._best_span(hypothesis, outside, near), key=_squares_of)
+            refined.append(best)
+        return refined
 
     def _near(self, span: tuple[int, int]) -> Spans:
         """Spans with ends near those of a span."""
@@ -660,7 +658,7 @@ class _Search:
         ends = np.arange(max(span[1] - reach, 0), min(span[1] + reach, many) + 1)
         if span[1] >= many - reach:
             ends = np.append(ends, many)
-        spans = np.stack([each.ravel() for each in np.meshgrid(begins, ends, indexing="ij")], axis=1)
+        spans = np.stack(np.meshgrid(begins, ends, indexing="ij"), axis=-1).reshape(-1, 2)
         return _possible(spans, self._free, round(0.5 * _LENGTHS_S[0] * RATE_HZ / _STRIDE))
 
     def _fault(self, chosen: _Candidate, gain: float) -> ActuatorFault:
@@ -699,9 +697,33 @@ def _possible(spans: Spans, free: Flags, fewest: int) -> Spans:
     return possible
 
 
-def _summed(design: Floats, change: Floats) -> _Sums:
-    width = design.shape[1]
-    gram, moment = np.zeros((len(design) + 1, width, width)), np.zeros((len(design) + 1, width))
-    np.cumsum(design[:, :, None] * design[:, None, :], axis=0, out=gram[1:])
-    np.cumsum(design * change[:, None], axis=0, out=moment[1:])
-    return _Sums(gram, moment)
+def _norms(columns: Floats) -> Floats:
+    """Root mean square of each column."""
+    norms: Floats = np.sqrt(np.mean(columns**2, axis=0)) + 1e-9
+    return norms
+
+
+def _between(sums: Floats, spans: Spans) -> Floats:
+    """(K, M, S) sums of the rows of each span (S, 2), from cumulative sums (K, M, N + 1)."""
+    within: Floats = sums.take(spans[:, 1], axis=2)
+    within -= sums.take(spans[:, 0], axis=2)
+    return within
+
+
+def _outside(usual: Sequence[Floats], spans: Spans) -> list[Floats]:
+    """(K, M, S) sums of the rows outside of each span for each change, which are the same for every hypothesis."""
+    return [sums[:, :, -1:] - _between(sums, spans) for sums in usual]
+
+
+def _explained(gram: Floats, moment: Floats) -> Floats:
+    """(S,) squares that S fits explain, moment' gram⁻¹ moment, by elimination in all of them at once.
+
+    gram: (K, K, S). moment: (K, S). Both are overwritten.
+    """
+    explained = np.zeros(moment.shape[1])
+    for row in range(len(moment)):
+        explained += moment[row] ** 2 / gram[row, row]
+        factors = gram[row + 1 :, row] / gram[row, row]
+        moment[row + 1 :] -= factors * moment[row]
+        gram[row + 1 :, row + 1 :] -= factors[:, None] * gram[row, row + 1 :]
+    return explained

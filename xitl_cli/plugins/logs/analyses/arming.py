@@ -73,7 +73,7 @@ def analyse(log: Log) -> Section | None:
             )
         )
     findings = [*_never(log, spans, refusals, clock), *_how(rows, spans, clock)]
-    lacks = () if _tells(log) else ("Whether it was armed is not logged: no ARM, EV or MSG, no heartbeat.",)
+    lacks = () if _tells(log) else ("The log does not show whether it was armed: it has no ARM, EV, MSG or heartbeat.",)
     facts = tuple(_facts(log, spans, refusals, clock))
     return Section("arming", "Arming", facts, tuple(findings), tuple(grids), lacks=lacks)
 
@@ -128,35 +128,31 @@ def _facts(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
         return
     first_ns = spans[0].from_ns
     yield Fact("first_armed_s", "First armed at", clock.second(first_ns), "s")
-    if (ready_ns := _ready_ns(log)) is not None and ready_ns <= first_ns:
-        yield Fact("ready_to_arm_s", "From checks passed to armed", rounded((first_ns - ready_ns) * 1e-9, 1), "s")
+    # First instant at which the pre-arm checks passed, from telemetry.
+    table = autopilot_messages(log, "SYS_STATUS")
+    names = ("onboard_control_sensors_present", "onboard_control_sensors_health")
+    if table is not None and set(names) <= set(table.columns):
+        present, health = (np.asarray(table.values(name, raw=True)).astype(np.int64) for name in names)
+        passed = np.flatnonzero(present & health & _PREARM_CHECK)
+        if len(passed) and (ready_ns := int(table.stamp_ns[passed[0]])) <= first_ns:
+            yield Fact("ready_to_arm_s", "From checks passed to armed", rounded((first_ns - ready_ns) * 1e-9, 1), "s")
     # First instant at which it was reported as set. A row at the very start of a log repeats an earlier one.
-    said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
+    set_ns = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
     table = log.tables.get("ORGN")
     if table is not None and "Type" in table.columns:
         rows = table.stamp_ns[np.asarray(table.values("Type", raw=True)) == 0]
-        said += [int(at_ns) for at_ns in rows if at_ns > clock.start_ns + _AGREES_NS]
-    if (origin_ns := min(said, default=None)) is not None and origin_ns <= first_ns:
+        set_ns += [int(at_ns) for at_ns in rows if at_ns > clock.start_ns + _AGREES_NS]
+    if (origin_ns := min(set_ns, default=None)) is not None and origin_ns <= first_ns:
         waited_s = rounded((first_ns - origin_ns) * 1e-9, 1)
         yield Fact("origin_to_arm_s", "From estimator origin to armed", waited_s, "s")
 
 
-def _ready_ns(log: Log) -> int | None:
-    """First instant at which the pre-arm checks passed, from telemetry."""
-    table = autopilot_messages(log, "SYS_STATUS")
-    names = ("onboard_control_sensors_present", "onboard_control_sensors_health")
-    if table is None or not set(names) <= set(table.columns):
-        return None
-    present, health = (np.asarray(table.values(name, raw=True)).astype(np.int64) for name in names)
-    good = np.flatnonzero(present & health & _PREARM_CHECK)
-    return int(table.stamp_ns[good[0]]) if len(good) else None
-
-
 def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: LogClock) -> Grid:
     def by(at_ns: int, armed: bool) -> str:
-        row = _row_at(rows, at_ns, armed)
-        if row is None:
+        near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
+        if not near:
             return "armed when the log ends" if not armed and at_ns >= clock.end_ns else ""
+        row = min(near, key=lambda row: abs(row.at_ns - at_ns))
         if row.method is None:
             return ""
         return arming_method_name(row.method) + (", forced" if row.forced else "")
@@ -178,37 +174,32 @@ def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: Log
     )
 
 
-def _row_at(rows: list[ArmSwitch], at_ns: int, armed: bool) -> ArmSwitch | None:
-    near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
-    return min(near, key=lambda row: abs(row.at_ns - at_ns), default=None)
-
-
 def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], clock: LogClock) -> Iterator[Finding]:
-    attempts = [each for each in refusals if each.attempt]
+    attempts = [refusal for refusal in refusals if refusal.attempt]
     if not spans and not _tells(log):
         return
     if not spans and refusals:
-        worst = max(attempts or refusals, key=lambda each: each.last_ns)
+        worst = max(attempts or refusals, key=lambda refusal: refusal.last_ns)
         yield Finding.warning(
             "arming.refused",
             f'It was never armed; the last reason given was "{worst.reason}" ({worst.count} times, until '
             f"{clock.text(worst.last_ns)})",
-            tuple(_evidence(each) for each in refusals[:_MOST_FINDINGS]),
-            "Clear each reason in the table; the last one is what still held.",
+            tuple(map(_evidence, refusals[:_MOST_FINDINGS])),
+            "Clear each reason in the table. The last one still applied.",
         )
         return
     if not spans:
         lasted = (clock.end_ns - clock.start_ns) * 1e-9
-        sentence = f"It was not armed in the {lasted:.0f} s of this log, and nobody is told to have tried"
-        yield Finding.notice("arming.never", sentence, (), "Take a log of a run to judge one.")
+        sentence = f"It was not armed in the {lasted:.0f} s of this log, and no attempt is logged"
+        yield Finding.notice("arming.never", sentence, (), "Analyse the log of a run in which it was armed.")
         return
     if not attempts:
         return
-    total = sum(each.count for each in attempts)
+    total = sum(refusal.count for refusal in attempts)
     yield Finding.notice(
         "arming.attempts_refused",
         f'Arming was refused {total} times, first for "{attempts[0].reason}"',
-        tuple(_evidence(each) for each in attempts[:_MOST_FINDINGS]),
+        tuple(map(_evidence, attempts[:_MOST_FINDINGS])),
         "Wait for the pre-arm checks before arming.",
     )
 
@@ -235,21 +226,21 @@ def _how(rows: list[ArmSwitch], spans: list[signals.StateSpan], clock: LogClock)
             f"It was armed at {clock.text(partly[0].at_ns)} without the checks of {', '.join(left_out[:6])}"
             + (f" and {len(left_out) - 6} more" if len(left_out) > 6 else ""),
             tuple(Evidence("ARM", "ArmChecks", row.at_ns, value=str(row.checks)) for row in partly[:_MOST_FINDINGS]),
-            "See that each is left out on purpose (ARMING_CHECK, ARMING_SKIPCHK).",
+            "Check that each is left out on purpose (ARMING_CHECK, ARMING_SKIPCHK).",
         )
     for row in [row for row in rows if row.armed and row.forced][:_MOST_FINDINGS]:
         yield Finding.warning(
             "arming.forced",
-            f"It was armed by force at {clock.text(row.at_ns)}, past whatever the checks said",
+            f"It was armed by force at {clock.text(row.at_ns)}, whatever the checks reported",
             (Evidence("ARM", "Forced", row.at_ns, value="1"),),
-            "Arm without force; the reasons refused are in the table.",
+            "Arm without force. The table lists the reasons of the refusals.",
         )
     for row in [row for row in rows if not row.armed and row.method in FAILSAFE_ARMING_METHODS][:_MOST_FINDINGS]:
         yield Finding.critical(
             "arming.disarmed_by_failsafe",
             f"At {clock.text(row.at_ns)} the autopilot disarmed by itself: {arming_method_name(row.method or 0)}",
             (Evidence("ARM", "Method", row.at_ns, value=str(row.method)),),
-            "The main loop stood still: see the scheduler section."
+            "The main loop stopped: see the scheduler section."
             if row.method == 6
             else "Look at the events just before.",
         )

@@ -185,10 +185,10 @@ def _overturned(
             f"It {_word(log, kind, parameters)}: at {_angles(tilt, worst)} for {(end - begin) * 1e-9:.1f} s from "
             f"{clock.text(begin)}{again}{while_}{motors}",
             evidence,
-            "Look at what came just before (impacts, control, modes); let the autopilot stop its motors "
+            "Look at the time just before (impacts, control, modes); let the autopilot stop its motors "
             "(FS_CRASH_CHECK, CRASH_ANGLE)."
             if state != "disarmed"
-            else "As intended where it was carried or calibrated; else it lay so.",
+            else "This is normal if it was carried or calibrated. Otherwise, it lay like this.",
         )
 
 
@@ -342,7 +342,7 @@ def _impacts(
         after = [] if by_hand else _consequences(log, these, overturned, clock)
         grave = not by_hand and (bool(after) or worst.size_mps2 > 2.0 * limit)
         ends = "" if worst.range_g is None else f", the end of its range of {worst.range_g} g: it may have been more"
-        again = "" if len(these) == 1 else f" ({len(these)} times over {limit:.0f} m/s² beside gravity)"
+        again = "" if len(these) == 1 else f" ({len(these)} times over {limit:.0f} m/s² without gravity)"
         usual = f"; it shook by {worst.usual_mps2:.1f} m/s² before" if worst.usual_mps2 > 1.0 else ""
         yield Finding(
             "attitude.impact" if not by_hand else "attitude.knock",
@@ -355,9 +355,9 @@ def _impacts(
                 Evidence(shock.message, shock.field, shock.at_ns, None, f"{shock.size_mps2:.0f} m/s²")
                 for shock in these[:_MOST_EVIDENCE]
             ),
-            "Look at the track and at what is there; check hull, mounts and propellers before the next run."
+            "Look for an obstacle on the track. Check hull, mounts and propellers before the next run."
             if not by_hand
-            else "As it goes ashore; check the mounts if it was none of yours.",
+            else "This is normal ashore. Check the mounts if nobody moved it.",
         )
 
 
@@ -403,7 +403,7 @@ def _contacts(log: Log, clock: LogClock) -> Iterator[Finding]:
             Evidence("/contacts", "speed_mps", int(table.stamp_ns[row]), None, f"{name}, {speed:.2f} m/s")
             for row, name, speed in zip(begun[:_MOST_EVIDENCE].tolist(), what, speeds.tolist(), strict=False)
         ),
-        "Look at the track beside the mission and the avoidance: it came too near.",
+        "Compare the track with the mission and the avoidance: it came too close.",
     )
 
 

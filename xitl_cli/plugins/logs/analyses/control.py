@@ -8,7 +8,7 @@ Response to a setpoint: its delay, and rise, overshoot and settling after each s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -96,7 +96,7 @@ def step_responses(stamp_ns: Stamps, demanded: Floats, achieved: Floats, least: 
 
     demanded, achieved: (N,) without turns. A step is from the vessel's value to the setpoint at its end.
     """
-    return [found for part in unbroken(stamp_ns) for found in _responses(stamp_ns, demanded, achieved, part, least)]
+    return [step for part in unbroken(stamp_ns) for step in _responses(stamp_ns, demanded, achieved, part, least)]
 
 
 def _responses(
@@ -116,9 +116,9 @@ def _responses(
         end = settled_at + int(moved[0]) if len(moved) else len(seconds)
         if seconds[end - 1] - seconds[settled_at] < _HOLD_S:
             continue
-        found = _answered(stamp_ns[part][at:end], wanted[at:end], there[at:end], settled_at - at, least)
-        if found is not None:
-            yield found
+        response = _answered(stamp_ns[part][at:end], wanted[at:end], there[at:end], settled_at - at, least)
+        if response is not None:
+            yield response
         done = end - 1
 
 
@@ -193,85 +193,153 @@ class Tracking:
 
 @dataclass(frozen=True, slots=True)
 class TrackingLimit:
-    """Limit of an error: over `least` and over `share` of the setpoint, for `lasting_s` at a time, it has
-    `severity`."""
+    """Limit of an error, and the finding for an error over it: over `least` and over `share` of the setpoint, for
+    `lasting_s` at a time."""
 
+    key: str
+    doing: str
+    """What the vehicle did, for the sentence."""
+    step: str
     least: float
     share: float
     lasting_s: float
     severity: Severity = Severity.WARNING
     moved: float = 0.0
     """Least response in that time: a pilot also moves the sticks on the ground, where nothing follows."""
+    side: int = 0
+    """1 for achieved over demanded, -1 for under, 0 for both."""
 
 
+_LOST_STEP = "Look at motors and propellers (outputs at their ends), vibration and battery just before."
 # A boat turns by half a circle in 10 to 15 s and gathers way in 10 s. ArduCopter's crash check treats 30 deg for two
 # seconds as lost control.
-_HEADING = TrackingLimit(30.0, 0.0, 15.0)
-_SLOW = TrackingLimit(0.5, 0.3, 15.0)
-_FAST = TrackingLimit(0.75, 0.5, 10.0)
-_TURN_RATE = TrackingLimit(20.0, 0.5, 3.0)
-_ATTITUDE = TrackingLimit(30.0, 0.0, 2.0, Severity.CRITICAL, moved=30.0)
-_RATE = TrackingLimit(60.0, 1.0, 1.0, moved=60.0)
+_LIMITS: Mapping[str, tuple[TrackingLimit, ...]] = {
+    "heading": (
+        TrackingLimit(
+            "heading_off", "was off the demanded heading",
+            "Look at steering and thrusters then (outputs), at current and wind, and at the compass; a vessel too slow "
+            "to steer does the same.",
+            30.0, 0.0, 15.0,
+        ),
+    ),
+    "speed": (
+        TrackingLimit(
+            "too_slow", "stayed below the demanded speed",
+            "Look at throttle (outputs), battery, hull and propellers, and at current and wind.",
+            0.5, 0.3, 15.0, side=-1,
+        ),
+        TrackingLimit(
+            "too_fast", "went faster than demanded",
+            "Look at current and wind from behind, at CRUISE_THROTTLE and the gains of the speed loop (ATC_SPEED_…).",
+            0.75, 0.5, 10.0, side=1,
+        ),
+    ),
+    "turn_rate": (
+        TrackingLimit(
+            "turn_rate_off", "did not turn as demanded",
+            "Look at steering outputs and their range, and at the gains of the turn rate (ATC_STR_RAT_…).",
+            20.0, 0.5, 3.0,
+        ),
+    ),
+    **{
+        name: (
+            TrackingLimit(
+                "attitude_lost", f"lost control: its {name} was off the demanded one", _LOST_STEP,
+                30.0, 0.0, 2.0, Severity.CRITICAL, moved=30.0,
+            ),
+        )
+        for name in ("roll", "pitch")
+    },
+    **{
+        f"{axis}_rate": (
+            TrackingLimit(
+                "rate_lost", f"did not follow its demanded {axis} rate", _LOST_STEP, 60.0, 1.0, 1.0, moved=60.0
+            ),
+        )
+        for axis in ("roll", "pitch", "yaw")
+    },
+}  # fmt: skip
+"""Limits of each tracking, by its key."""
 
 
 def analyse(log: Log) -> Section | None:
     """Section on control; None for a recording without setpoints."""
     clock, kind = LogClock(log), vehicle_kind(log)
-    found = [each for each in _trackings(log, kind) if len(each.stamp_ns) >= _FEWEST_ROWS]
-    if not found:
+    trackings = [tracking for tracking in _trackings(log, kind) if len(tracking.stamp_ns) >= _FEWEST_ROWS]
+    if not trackings:
         if log.format != "dataflash":
             return None
-        lack = "What was demanded is not logged: no NTUN, THR or STER of Rover, no desired attitude (ATT), no RATE."
+        lack = "No setpoints are logged: no NTUN, THR or STER of Rover, no desired attitude (ATT), no RATE."
         return Section("control", _TITLE, lacks=(lack,))
-    findings = _as_one([finding for each in found for finding in _judged(each, clock)])
-    if not findings and clock.armed:
-        findings = [Finding.ok("control.followed", f"It followed what was demanded: {_named(found)}")]
-    answers: list[Fact] = []
-    for each in found:
-        label = each.label.capitalize()
-        delay_s = response_delay_s(each.stamp_ns, *_unturned(each), _VARIES[each.unit])
+    by_key: dict[str, Finding] = {}
+    for tracking in trackings:
+        for limit in _LIMITS[tracking.key]:
+            finding = _off(tracking, limit, clock)
+            if finding is not None:  # roll and pitch that were lost together are one loss
+                first = by_key.get(finding.key)
+                evidence = () if first is None else first.evidence
+                by_key[finding.key] = replace(first or finding, evidence=(*evidence, *finding.evidence))
+    if not by_key and clock.armed:
+        errors = [f"{tracking.label} within {_rms(tracking):.2g} {tracking.unit} RMS" for tracking in trackings]
+        followed = Finding.ok("control.followed", f"It followed its setpoints: {', '.join(errors)}")
+        by_key = {followed.key: followed}
+    facts: list[Fact] = []
+    for tracking in trackings:
+        suffix = {"deg/s": "degps", "m/s": "mps"}.get(tracking.unit, tracking.unit)
+        label = tracking.label.capitalize()
+        largest = float(np.abs(tracking.error).max())
+        facts += (
+            Fact(f"{tracking.key}_error_rms_{suffix}", f"{label}, error RMS", _digits(_rms(tracking)), tracking.unit),
+            Fact(f"{tracking.key}_error_max_{suffix}", f"{label}, largest error", _digits(largest), tracking.unit),
+        )
+    grids: list[Grid] = []
+    for tracking in trackings:
+        label = tracking.label.capitalize()
+        response = (tracking.stamp_ns, *_unturned(tracking))
+        delay_s = response_delay_s(*response, _VARIES[tracking.unit])
         if delay_s is not None:
-            answers.append(
-                Fact(f"{each.key}_delay_s", f"{label}, delay behind the demand", significant(delay_s, 3), "s")
-            )
-        steps = step_responses(each.stamp_ns, *_unturned(each), _STEPS[each.unit])
+            facts.append(Fact(f"{tracking.key}_delay_s", f"{label}, delay behind the demand", _digits(delay_s), "s"))
+        steps = step_responses(*response, _STEPS[tracking.unit])
         if steps:
-            largest = max(step.overshoot_percent for step in steps)
+            overshoot = max(step.overshoot_percent for step in steps)
             title = f"{label}, largest overshoot of {plural(len(steps), 'step')}"
-            answers.append(Fact(f"{each.key}_overshoot_percent", title, significant(largest, 3), "%"))
-    facts, grids = (*_facts(found), *answers), tuple(_steps(found, clock))
+            facts.append(Fact(f"{tracking.key}_overshoot_percent", title, _digits(overshoot), "%"))
+            grids.append(_step_grid(tracking, steps, clock))
     # Setpoints that a rover did not get, or did not log.
     lacks: list[str] = []
     if kind in ("rover", "unknown"):
-        there = {each.key for each in found}
+        there = {tracking.key for tracking in trackings}
         if "turn_rate" not in there:
             lacks.append(
-                "No demanded turn rate is logged (STER.DesTurnRate), so that it cannot be held against the one "
-                "achieved."
+                "No demanded turn rate is logged (STER.DesTurnRate), so it cannot be compared with the achieved one."
             )
         if "heading" not in there and log.format == "dataflash":
             lacks.append("No heading was demanded (NTUN.DesYaw and ATT.DesYaw are 0): it was steered by turn rate.")
         if "speed" not in there:
-            lacks.append(
-                "No demanded speed is logged (THR.DesSpeed), so that it cannot be held against the one achieved."
-            )
-    return Section("control", _TITLE, facts, tuple(findings), grids, tuple(_plots(found)), tuple(lacks))
+            lacks.append("No demanded speed is logged (THR.DesSpeed), so it cannot be compared with the achieved one.")
+    plots = tuple(map(_plot, trackings))
+    return Section("control", _TITLE, tuple(facts), tuple(by_key.values()), tuple(grids), plots, tuple(lacks))
 
 
-def _as_one(findings: Sequence[Finding]) -> list[Finding]:
-    """Join findings: roll and pitch that were lost together are one loss."""
-    by_key: dict[str, Finding] = {}
-    for finding in findings:
-        before = by_key.setdefault(finding.key, finding)
-        if before is not finding:
-            by_key[finding.key] = replace(before, evidence=(*before.evidence, *finding.evidence))
-    return list(by_key.values())
+def _digits(value: float | None) -> float | None:
+    return significant(value, 3)
 
 
 def _trackings(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
-    readers = (_heading, _speed, _turn_rate) if kind in ("rover", "unknown") else (_roll, _pitch, _rates)
-    for read in readers:
-        yield from read(log, kind)
+    if kind in ("rover", "unknown"):
+        yield from _heading(log)
+        yield from _speed(log)
+        for tracking in _columns(log, "turn_rate", "turn rate", "deg/s", "STER", "DesTurnRate", "TurnRate"):
+            yield _rows(tracking, _under_way(log, tracking.stamp_ns))
+        return
+    for name in ("roll", "pitch"):
+        demanded, achieved = f"Des{name.capitalize()}", name.capitalize()
+        for tracking in _columns(log, name, name, "deg", "ATT", demanded, achieved, turns=True):
+            yield _rows(tracking, ~inside(tracking.stamp_ns, free_attitude_spans(log)))
+    for axis, achieved in (("roll", "R"), ("pitch", "P"), ("yaw", "Y")):
+        table = log.tables.get("RATE")  # hundredths of a degree in old logs, without a unit
+        if table is not None and achieved in table.columns and table.columns[achieved].unit == "deg/s":
+            yield from _columns(log, f"{axis}_rate", f"{axis} rate", "deg/s", "RATE", f"{achieved}Des", achieved)
 
 
 def _armed(log: Log, stamp_ns: Stamps) -> Flags:
@@ -279,7 +347,7 @@ def _armed(log: Log, stamp_ns: Stamps) -> Flags:
     return np.ones(len(stamp_ns), dtype=np.bool_) if armed is None else armed
 
 
-def _heading(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+def _heading(log: Log) -> Iterator[Tracking]:
     """Heading of a vessel under way in a mode that holds a heading. Going backwards, it points the other way."""
     demand, yaw = signals.yaw_desired(log), signals.yaw(log)
     if demand is None or yaw is None:
@@ -329,23 +397,28 @@ def _columns(
     yield Tracking(key, label, unit, table.stamp_ns[rows], wanted[rows], there[rows], message, demanded, turns)
 
 
-def _rows(each: Tracking, chosen: Flags) -> Tracking:
-    return replace(each, stamp_ns=each.stamp_ns[chosen], demanded=each.demanded[chosen], achieved=each.achieved[chosen])
+def _rows(tracking: Tracking, chosen: Flags) -> Tracking:
+    return replace(
+        tracking,
+        stamp_ns=tracking.stamp_ns[chosen],
+        demanded=tracking.demanded[chosen],
+        achieved=tracking.achieved[chosen],
+    )
 
 
-def _speed(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+def _speed(log: Log) -> Iterator[Tracking]:
     """Speed with a setpoint. 0 in a mode without a setpoint is ignored."""
     logged = [*_columns(log, "speed", "speed", "m/s", "THR", "DesSpeed", "Speed")]
-    for each in logged or _told_speed(log):
-        asked = _rows(each, np.abs(each.demanded) >= _UNDER_WAY_MPS)
-        sign = np.sign(asked.demanded)  # backwards counts as ahead
-        yield replace(asked, demanded=sign * asked.demanded, achieved=sign * asked.achieved)
+    for tracking in logged or _speed_from_telemetry(log):
+        moving = _rows(tracking, np.abs(tracking.demanded) >= _UNDER_WAY_MPS)
+        sign = np.sign(moving.demanded)  # backwards counts as ahead
+        yield replace(moving, demanded=sign * moving.demanded, achieved=sign * moving.achieved)
 
 
 _NAVIGATION = "NAV_CONTROLLER_OUTPUT"
 
 
-def _told_speed(log: Log) -> Iterator[Tracking]:
+def _speed_from_telemetry(log: Log) -> Iterator[Tracking]:
     """Speed from MAVLink, which has only the error, demanded minus achieved; ArduRover leaves it at 0."""
     achieved = signals.ground_speed(log)
     for message in (_NAVIGATION, f"/link/agent/rx:{_NAVIGATION}"):
@@ -359,121 +432,45 @@ def _told_speed(log: Log) -> Iterator[Tracking]:
         return
 
 
-def _turn_rate(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
-    for each in _columns(log, "turn_rate", "turn rate", "deg/s", "STER", "DesTurnRate", "TurnRate"):
-        yield _rows(each, _under_way(log, each.stamp_ns))
-
-
-def _roll(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
-    yield from _steered(log, "roll", "DesRoll", "Roll")
-
-
-def _pitch(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
-    yield from _steered(log, "pitch", "DesPitch", "Pitch")
-
-
-def _steered(log: Log, name: str, demanded: str, achieved: str) -> Iterator[Tracking]:
-    """Attitude or rate, without modes that have no attitude setpoint."""
-    for each in _columns(log, name, name, "deg", "ATT", demanded, achieved, turns=True):
-        yield _rows(each, ~inside(each.stamp_ns, free_attitude_spans(log)))
-
-
-def _rates(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
-    for key, label, demanded, achieved in (
-        ("roll_rate", "roll rate", "RDes", "R"),
-        ("pitch_rate", "pitch rate", "PDes", "P"),
-        ("yaw_rate", "yaw rate", "YDes", "Y"),
-    ):
-        table = log.tables.get("RATE")  # hundredths of a degree in old logs, without a unit
-        if table is not None and achieved in table.columns and table.columns[achieved].unit == "deg/s":
-            yield from _columns(log, key, label, "deg/s", "RATE", demanded, achieved)
-
-
-def _judged(each: Tracking, clock: LogClock) -> Iterator[Finding]:
+def _off(tracking: Tracking, limit: TrackingLimit, clock: LogClock) -> Finding | None:
     """One finding for all spans with too large an error for too long."""
-    error = each.error
-    if each.key == "heading":
-        yield from _off(
-            each, np.abs(error), _HEADING, "heading_off", "was off the heading demanded", _HEADING_STEP, clock
-        )
-    elif each.key == "speed":
-        yield from _off(each, -error, _SLOW, "too_slow", "stayed under the speed demanded", _SLOW_STEP, clock)
-        yield from _off(each, error, _FAST, "too_fast", "went faster than demanded", _FAST_STEP, clock)
-    elif each.key == "turn_rate":
-        doing = "did not turn as demanded"
-        yield from _off(each, np.abs(error), _TURN_RATE, "turn_rate_off", doing, _TURN_STEP, clock)
-    elif each.key in ("roll", "pitch"):
-        doing = f"lost control: its {each.label} was off the one demanded"
-        yield from _off(each, np.abs(error), _ATTITUDE, "attitude_lost", doing, _LOST_STEP, clock)
-    else:
-        doing = f"did not follow its {each.label} demanded"
-        yield from _off(each, np.abs(error), _RATE, "rate_lost", doing, _LOST_STEP, clock)
-
-
-_HEADING_STEP = (
-    "Look at steering and thrusters then (outputs), at current and wind, and at the compass; a vessel too slow to "
-    "steer does the same."
-)
-_SLOW_STEP = "Look at throttle (outputs), battery, hull and propellers, and at current and wind."
-_FAST_STEP = "Look at current and wind from behind, at CRUISE_THROTTLE and the gains of the speed loop (ATC_SPEED_…)."
-_TURN_STEP = "Look at steering outputs and their range, and at the gains of the turn rate (ATC_STR_RAT_…)."
-_LOST_STEP = "Look at motors and propellers (outputs at their ends), vibration and battery just before."
-
-
-def _off(
-    each: Tracking, error: Floats, limit: TrackingLimit, key: str, doing: str, step: str, clock: LogClock
-) -> Iterator[Finding]:
-    least = np.maximum(limit.least, limit.share * np.abs(each.demanded))
-    wide = spans_where(each.stamp_ns, error > least, _JOIN_S)
-    spans = [span for span in _unbroken(each.stamp_ns, wide) if (span[1] - span[0]) * 1e-9 >= limit.lasting_s]
-    spans = [span for span in spans if np.abs(each.achieved[inside(each.stamp_ns, [span])]).max() >= limit.moved]
+    stamp_ns, unit = tracking.stamp_ns, tracking.unit
+    error = limit.side * tracking.error if limit.side else np.abs(tracking.error)
+    least = np.maximum(limit.least, limit.share * np.abs(tracking.demanded))
+    spans: list[tuple[int, int]] = []
+    for begin, end in spans_where(stamp_ns, error > least, _JOIN_S):
+        # Split at missing rows, because nothing is known between them.
+        within = np.flatnonzero((stamp_ns >= begin) & (stamp_ns <= end))
+        for part in unbroken(stamp_ns[within]):
+            rows = within[part]
+            lasted_s = (stamp_ns[rows[-1]] - stamp_ns[rows[0]]) * 1e-9
+            if lasted_s >= limit.lasting_s and np.abs(tracking.achieved[rows]).max() >= limit.moved:
+                spans.append((int(stamp_ns[rows[0]]), int(stamp_ns[rows[-1]])))
     if not spans:
-        return
+        return None
     begin, end = max(spans, key=lambda span: span[1] - span[0])
-    rows = np.flatnonzero((each.stamp_ns >= begin) & (each.stamp_ns <= end))
+    rows = np.flatnonzero((stamp_ns >= begin) & (stamp_ns <= end))
     worst = int(rows[np.argmax(error[rows])])
     again = "" if len(spans) == 1 else f" ({len(spans)} times, {length_s(spans):.0f} s in all)"
     figures = (
-        f"{each.achieved[worst]:.3g} {each.unit} for {each.demanded[worst]:.3g} {each.unit} at "
-        f"{clock.text(int(each.stamp_ns[worst]))}"
+        f"{tracking.achieved[worst]:.3g} {unit} for {tracking.demanded[worst]:.3g} {unit} at "
+        f"{clock.text(int(stamp_ns[worst]))}"
     )
-    yield Finding(
-        f"control.{key}",
+    return Finding(
+        f"control.{limit.key}",
         limit.severity,
-        f"It {doing} by up to {error[worst]:.3g} {each.unit}, for {(end - begin) * 1e-9:.1f} s from "
+        f"It {limit.doing} by up to {error[worst]:.3g} {unit}, for {(end - begin) * 1e-9:.1f} s from "
         f"{clock.text(begin)}{again}: {figures}",
         tuple(
-            Evidence(each.message, each.field, from_ns, until_ns, f"{error[worst]:.3g} {each.unit}")
+            Evidence(tracking.message, tracking.field, from_ns, until_ns, f"{error[worst]:.3g} {unit}")
             for from_ns, until_ns in spans[:_MOST_EVIDENCE]
         ),
-        step,
+        limit.step,
     )
 
 
-def _unbroken(stamp_ns: Stamps, spans: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """Spans split at missing rows, because nothing is known between them."""
-    for begin, end in spans:
-        within = stamp_ns[(stamp_ns >= begin) & (stamp_ns <= end)]
-        for part in unbroken(within):
-            yield int(within[part][0]), int(within[part][-1])
-
-
-def _named(found: Sequence[Tracking]) -> str:
-    parts = [f"{each.label} within {_rms(each):.2g} {each.unit} RMS" for each in found]
-    return ", ".join(parts)
-
-
-def _rms(each: Tracking) -> float:
-    return float(np.sqrt(np.mean(each.error**2)))
-
-
-def _facts(found: Sequence[Tracking]) -> Iterator[Fact]:
-    for each in found:
-        unit = "degps" if each.unit == "deg/s" else "mps" if each.unit == "m/s" else each.unit
-        label = each.label.capitalize()
-        yield Fact(f"{each.key}_error_rms_{unit}", f"{label}, error RMS", significant(_rms(each), 3), each.unit)
-        largest = float(np.abs(each.error).max())
-        yield Fact(f"{each.key}_error_max_{unit}", f"{label}, largest error", significant(largest, 3), each.unit)
+def _rms(tracking: Tracking) -> float:
+    return float(np.sqrt(np.mean(tracking.error**2)))
 
 
 # Changes of a setpoint that are distinguishable from the effect of waves and gusts.
@@ -481,47 +478,48 @@ _VARIES = {"deg": 3.0, "m/s": 0.15, "deg/s": 3.0}
 _STEPS = {"deg": 20.0, "m/s": 1.0, "deg/s": 10.0}
 
 
-def _unturned(each: Tracking) -> tuple[Floats, Floats]:
+def _unturned(tracking: Tracking) -> tuple[Floats, Floats]:
     """Setpoint and response as numbers without the step from 360 to 0."""
-    if not each.turns:
-        return each.demanded, each.achieved
-    demanded = np.unwrap(each.demanded, period=360.0)
-    return demanded, demanded + each.error
+    if not tracking.turns:
+        return tracking.demanded, tracking.achieved
+    demanded = np.unwrap(tracking.demanded, period=360.0)
+    return demanded, demanded + tracking.error
 
 
-def _steps(found: Sequence[Tracking], clock: LogClock) -> Iterator[Grid]:
-    for each in found:
-        steps = step_responses(each.stamp_ns, *_unturned(each), _STEPS[each.unit])
-        if not steps:
-            continue
-        turn = 360.0 if each.key == "heading" else 0.0
-        rows = [
-            (
-                clock.second(step.at_ns),
-                *(significant(value % turn if turn else value) for value in (step.begin, step.end)),
-                significant(step.rise_s, 3),
-                significant(step.overshoot_percent, 3),
-                significant(step.settled_s, 3),
-            )
-            for step in steps
-        ]
-        columns = (
-            "at (s)",
-            f"from ({each.unit})",
-            f"to ({each.unit})",
-            "rise 10 to 90 % (s)",
-            "overshoot (%)",
-            "within 10 % after (s)",
+def _step_grid(tracking: Tracking, steps: Sequence[StepResponse], clock: LogClock) -> Grid:
+    ends = [(step.begin, step.end) for step in steps]
+    if tracking.key == "heading":
+        ends = [(begin % 360.0, end % 360.0) for begin, end in ends]
+    columns = (
+        "at (s)",
+        f"from ({tracking.unit})",
+        f"to ({tracking.unit})",
+        "rise 10 to 90 % (s)",
+        "overshoot (%)",
+        "within 10 % after (s)",
+    )
+    rows = [
+        (
+            clock.second(step.at_ns),
+            significant(begin),
+            significant(end),
+            _digits(step.rise_s),
+            _digits(step.overshoot_percent),
+            _digits(step.settled_s),
         )
-        yield Grid.limited(f"{each.key}_steps", f"{each.label.capitalize()}, steps of the demand", columns, rows)
+        for step, (begin, end) in zip(steps, ends, strict=True)
+    ]
+    title = f"{tracking.label.capitalize()}, steps of the demand"
+    return Grid.limited(f"{tracking.key}_steps", title, columns, rows)
 
 
-def _plots(found: Sequence[Tracking]) -> Iterator[Plot]:
-    for each in found:
-        demanded, achieved = _unturned(each) if each.key == "heading" else (each.demanded, each.achieved)
-        traces = (
-            Trace("demanded", each.stamp_ns, demanded.astype(np.float64), "steps"),
-            Trace("achieved", each.stamp_ns, achieved.astype(np.float64)),
-            Trace("error", each.stamp_ns, each.error.astype(np.float64)),
-        )
-        yield Plot(f"tracking.{each.key}", f"{each.label.capitalize()}, demanded and achieved", each.unit, traces)
+def _plot(tracking: Tracking) -> Plot:
+    heading = tracking.key == "heading"
+    demanded, achieved = _unturned(tracking) if heading else (tracking.demanded, tracking.achieved)
+    traces = (
+        Trace("demanded", tracking.stamp_ns, demanded.astype(np.float64), "steps"),
+        Trace("achieved", tracking.stamp_ns, achieved.astype(np.float64)),
+        Trace("error", tracking.stamp_ns, tracking.error.astype(np.float64)),
+    )
+    title = f"{tracking.label.capitalize()}, demanded and achieved"
+    return Plot(f"tracking.{tracking.key}", title, tracking.unit, traces)

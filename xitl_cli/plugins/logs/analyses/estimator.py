@@ -111,7 +111,13 @@ def _difference(estimate: signals.Series, truth: signals.Series, values: Floats)
 
 
 def _error_finding(
-    what: str, unit: str, size: Floats, limits: tuple[float, float], error: EstimateError, step: str, clock: LogClock
+    quantity: str,
+    unit: str,
+    size: Floats,
+    limits: tuple[float, float],
+    error: EstimateError,
+    step: str,
+    clock: LogClock,
 ) -> Iterator[Finding]:
     size = _lasting(size)
     rms = _rms(size)
@@ -121,9 +127,9 @@ def _error_finding(
     at_ns = int(error.stamp_ns[worst])
     message, _, field = error.source.partition(".")
     yield Finding(
-        f"estimator.{what}_error",
+        f"estimator.{quantity}_error",
         Severity.WARNING if rms >= limits[1] else Severity.NOTICE,
-        f"The estimated {what} was off the truth by {rms:.2f} {unit} RMS and up to {size[worst]:.2f} {unit}, at "
+        f"The estimated {quantity} was off the truth by {rms:.2f} {unit} RMS and up to {size[worst]:.2f} {unit}, at "
         f"{clock.text(at_ns)}",
         (Evidence(message, field or None, at_ns, value=f"{size[worst]:.2f} {unit}"), Evidence(error.truth)),
         step,
@@ -136,8 +142,8 @@ def _lasting(size: Floats) -> Floats:
     if len(size) < width:
         return size
     around = np.lib.stride_tricks.sliding_window_view(np.pad(size, _AROUND, mode="edge"), width)
-    found: Floats = np.median(around, axis=1)
-    return found
+    medians: Floats = np.median(around, axis=1)
+    return medians
 
 
 def _rms(values: Floats) -> float:
@@ -163,16 +169,18 @@ def analyse(log: Log) -> Section | None:
     primary = cores.primary_core(every)
     core = cores.core_in_use(log, every, primary)
     tested_in_use = cores.test_ratios(log, [core] if core is not None else [])
-    found, used = cores.estimator_origin(log, every, clock), cores.filter_uses(log)
+    origin, used = cores.estimator_origin(log, every, clock), cores.filter_uses(log)
     if position is not None:
         position = position.while_in(clock.armed)
     if yaw is not None:
         yaw = yaw.while_in(clock.armed)
+    embedded = (firmware_text(log) or "").startswith("xitl ")
+    name = every[0].filter if every else None
     facts = [
-        Fact("filter", "Filter", _filter(log, every)),
+        Fact("filter", "Filter", "embedded, messages as EKF3" if embedded and every else name),
         Fact("cores", "Cores", len(every) or None),
         Fact("primary_core", "Core in use", primary if every else None),
-        *_origin_facts(found, every, clock),
+        *_origin_facts(origin, every, clock),
         *_selection(log),
         Fact("lane_switches", "Core switches", len(cores.lane_switches(log, every)) if every else None),
         *cores.ratio_facts(tested_in_use, clock),
@@ -184,40 +192,48 @@ def analyse(log: Log) -> Section | None:
     findings = [
         *_filters(used, clock),
         *cores.never_positioned(every, clock),
-        *_height(log, found, clock),
+        *_height(log, origin, clock),
         *cores.refusal_findings(tested_in_use, clock),
         *cores.reset_findings(log, every, core, clock),
         *cores.unused_core_findings(log, every, clock),
         *cores.bias_findings(log, core, clock),
         *cores.agreement_findings(every, stray_m is not None, clock),
         *truth_findings(position, yaw, clock),
-        *_not_truth(stray_m),
     ]
-    marks = (*_armed_marks(clock), *cores.reset_marks(log, every, core))
-    plots = [*_drawn(cores.ratio_plot(tested, marks)), *_innovations(core, marks), *truth_plots(position, yaw)]
-    grids = [each for each in (_uses(used, clock), _refusals(tested, clock)) if each is not None]
+    if stray_m is not None:
+        sentence = (
+            f"SIM is not the truth here: its vehicle moved unlike the receiver and was {stray_m:.0f} m away from it, "
+            "so the sensors were fed from outside"
+        )
+        step = "Compare the estimate with the recording of the simulator that fed the sensors (run.mcap)."
+        evidence = (Evidence("SIM"), Evidence("GPS"))
+        findings.append(Finding.notice("estimator.truth_of_another", sentence, evidence, step))
+    armed = tuple(Mark(begin, "armed", end, Severity.OK) for begin, end in clock.armed[:50])
+    marks = (*armed, *cores.reset_marks(log, every, core))
+    ratios = cores.ratio_plot(tested, marks)
+    plots = [*([] if ratios is None else [ratios]), *_innovations(core, marks), *truth_plots(position, yaw)]
+    grids = [grid for grid in (_uses(used, clock), _refusals(tested, clock)) if grid is not None]
+    lacks = []
+    if core is not None and core.innovations is None and not embedded:
+        lacks.append("Innovations are not in the log (XKF3); EK3_LOG_LEVEL 0 logs them.")
+    if every and core is not None and core.health is None:
+        lacks.append("Test ratios are not in the log (XKF4).")
+    if not every and log.format == "tlog":
+        lacks.append("Telemetry has test ratios only a few times a second, and of the core in use.")
     known = tuple(fact for fact in facts if fact.value is not None)
-    return Section(
-        "estimator", "Estimator", known, tuple(findings), tuple(grids), tuple(plots), _lacks(log, every, core)
-    )
-
-
-def _filter(log: Log, every: list[cores.EstimatorCore]) -> str | None:
-    if not every:
-        return None
-    return "embedded, messages as EKF3" if (firmware_text(log) or "").startswith("xitl ") else every[0].filter
+    return Section("estimator", "Estimator", known, tuple(findings), tuple(grids), tuple(plots), tuple(lacks))
 
 
 def _origin_facts(
-    found: cores.EstimatorOrigin | None, every: list[cores.EstimatorCore], clock: LogClock
+    origin: cores.EstimatorOrigin | None, every: list[cores.EstimatorCore], clock: LogClock
 ) -> Iterator[Fact]:
-    if found is not None:
-        when = "before the log began" if found.set_ns is None else clock.second(found.set_ns)
-        yield Fact("origin_set", "Origin set", when, "" if found.set_ns is None else "s")
-        yield Fact("origin_latitude_deg", "Origin latitude", rounded(found.latitude_deg, 7), "deg")
-        yield Fact("origin_longitude_deg", "Origin longitude", rounded(found.longitude_deg, 7), "deg")
-        yield Fact("origin_altitude_m", "Origin altitude (ORGN)", rounded(found.altitude_m, 2), "m")
-        yield Fact("origin_height_m", "Height of the origin (OH)", rounded(found.height_m, 2), "m")
+    if origin is not None:
+        when = "before the log began" if origin.set_ns is None else clock.second(origin.set_ns)
+        yield Fact("origin_set", "Origin set", when, "" if origin.set_ns is None else "s")
+        yield Fact("origin_latitude_deg", "Origin latitude", rounded(origin.latitude_deg, 7), "deg")
+        yield Fact("origin_longitude_deg", "Origin longitude", rounded(origin.longitude_deg, 7), "deg")
+        yield Fact("origin_altitude_m", "Origin altitude (ORGN)", rounded(origin.altitude_m, 2), "m")
+        yield Fact("origin_height_m", "Height of the origin (OH)", rounded(origin.height_m, 2), "m")
     if (first_ns := cores.first_position_ns(every)) is not None:
         early = first_ns <= clock.start_ns + 10**9
         value = "before the log began" if early else clock.second(first_ns)
@@ -246,67 +262,46 @@ def _filters(used: list[cores.FilterUse], clock: LogClock) -> Iterator[Finding]:
     if not fallbacks:
         return
     before, use = fallbacks[0]
-    lasted = length_text(sum(each.until_ns - each.from_ns for _, each in fallbacks) * 1e-9)
+    lasted = length_text(sum(dcm.until_ns - dcm.from_ns for _, dcm in fallbacks) * 1e-9)
     yield Finding.critical(
         "estimator.dcm_fallback",
         f"{before.name} gave up and DCM took over while armed for {lasted}, first at {clock.text(use.from_ns)}",
-        tuple(Evidence("ATT", "AEKF", each.from_ns, each.until_ns, "0") for _, each in fallbacks[:20]),
-        "Look at test ratios and faults just before; DCM gives no position worth steering by.",
+        tuple(Evidence("ATT", "AEKF", dcm.from_ns, dcm.until_ns, "0") for _, dcm in fallbacks[:20]),
+        "Look at test ratios and faults just before. DCM gives no position that is good enough to steer by.",
     )
 
 
-def _height(log: Log, found: cores.EstimatorOrigin | None, clock: LogClock) -> Iterator[Finding]:
-    if found is None or found.height_m is None:
+def _height(log: Log, origin: cores.EstimatorOrigin | None, clock: LogClock) -> Iterator[Finding]:
+    if origin is None or origin.height_m is None:
         return
-    heights = [height for _, height in found.heights]
+    heights = [height for _, height in origin.heights]
     moved_m = max(heights) - min(heights)
     if moved_m >= _HEIGHT_MOVED_M:
-        at_ns = found.heights[1][0]
+        at_ns = origin.heights[1][0]
         yield Finding.notice(
             "estimator.height_origin_moved",
             f"The height of the estimator's origin moved by {moved_m:.1f} m in {len(heights) - 1} steps, first at "
             f"{clock.text(at_ns)}",
-            tuple(Evidence("XKF1", "OH", when, value=f"{height:.2f} m") for when, height in found.heights[:20]),
-            "Altitudes before and after are not of one datum; EK3_OGN_HGT_MASK switches this on.",
+            tuple(Evidence("XKF1", "OH", when, value=f"{height:.2f} m") for when, height in origin.heights[:20]),
+            "Altitudes before and after do not have the same datum; EK3_OGN_HGT_MASK enables this.",
         )
-    gps_m = _gps_altitude_m(log, found.heights[0][0])
-    if gps_m is not None and abs(gps_m - found.height_m) >= _HEIGHTS_APART_M:
-        yield Finding.notice(
-            "estimator.height_origin_off",
-            f"The estimator's origin is at {found.height_m:.1f} m, GPS was at {gps_m:.1f} m when it was set",
-            (Evidence("XKF1", "OH", found.heights[0][0], value=f"{found.height_m:.1f} m"), Evidence("GPS", "Alt")),
-            "Take heights from one of the two, not across them.",
-        )
-
-
-def _not_truth(apart_m: float | None) -> Iterator[Finding]:
-    if apart_m is None:
-        return
-    sentence = (
-        f"SIM is no truth here: its vehicle moved unlike the receiver and came to be {apart_m:.0f} m from it, so the "
-        "sensors were fed from outside"
-    )
-    step = "Compare the estimate with the recording of the simulator that fed the sensors (run.mcap)."
-    yield Finding.notice("estimator.truth_of_another", sentence, (Evidence("SIM"), Evidence("GPS")), step)
-
-
-def _gps_altitude_m(log: Log, at_ns: int) -> float | None:
+    # Altitude of the receiver when the origin was set.
+    set_ns = origin.heights[0][0]
     table = log.tables.get("GPS")
     if table is None or not {"Alt", "Status"} <= set(table.columns):
-        return None
+        return
     fixed = np.flatnonzero(cores.flag_column(table, "Status") >= 3)
     if not len(fixed):
-        return None
-    nearest = fixed[np.argmin(np.abs(table.stamp_ns[fixed] - at_ns))]
-    return rounded(float(table.values("Alt", np.array([nearest]))[0]))
-
-
-def _armed_marks(clock: LogClock) -> tuple[Mark, ...]:
-    return tuple(Mark(begin, "armed", end, Severity.OK) for begin, end in clock.armed[:50])
-
-
-def _drawn(plot: Plot | None) -> list[Plot]:
-    return [] if plot is None else [plot]
+        return
+    nearest = fixed[np.argmin(np.abs(table.stamp_ns[fixed] - set_ns))]
+    gps_m = rounded(float(table.values("Alt", np.array([nearest]))[0]))
+    if gps_m is not None and abs(gps_m - origin.height_m) >= _HEIGHTS_APART_M:
+        yield Finding.notice(
+            "estimator.height_origin_off",
+            f"The estimator's origin is at {origin.height_m:.1f} m, but GPS was at {gps_m:.1f} m when it was set",
+            (Evidence("XKF1", "OH", set_ns, value=f"{origin.height_m:.1f} m"), Evidence("GPS", "Alt")),
+            "Take heights from one of the two, and do not mix them.",
+        )
 
 
 def _innovations(core: cores.EstimatorCore | None, marks: tuple[Mark, ...]) -> Iterator[Plot]:
@@ -318,15 +313,15 @@ def _innovations(core: cores.EstimatorCore | None, marks: tuple[Mark, ...]) -> I
         ("position", "m", ("IPN", "IPE", "IPD")),
         ("yaw", "deg", ("IYAW",)),
     )
-    for what, unit, columns in rows:
+    for quantity, unit, columns in rows:
         traces = [
             Trace(column, table.stamp_ns, np.asarray(table.values(column), dtype=np.float64))
             for column in columns
             if column in table.columns
         ]
         if traces:
-            title = f"Innovations, {what}"
-            yield Plot(f"innovations_{what}", title, f"innovation ({unit})", tuple(traces), marks=marks)
+            title = f"Innovations, {quantity}"
+            yield Plot(f"innovations_{quantity}", title, f"innovation ({unit})", tuple(traces), marks=marks)
 
 
 def _uses(used: list[cores.FilterUse], clock: LogClock) -> Grid | None:
@@ -341,26 +336,14 @@ def _uses(used: list[cores.FilterUse], clock: LogClock) -> Grid | None:
 
 def _refusals(tested: list[cores.TestRatios], clock: LogClock) -> Grid | None:
     rows = []
-    for one in tested:
-        for begin, end in one.refused[:_MOST_REFUSED]:
-            inner = inside(one.stamp_ns, [(begin, end)])
+    for ratios in tested:
+        for begin, end in ratios.refused[:_MOST_REFUSED]:
+            inner = inside(ratios.stamp_ns, [(begin, end)])
             on = "armed" if clock.was_armed(begin, end) else "not armed"
-            worst = rounded(one.values[inner].max(), 2)
-            rows.append((one.core, one.of, clock.second(begin), rounded((end - begin) * 1e-9), worst, on))
+            worst = rounded(ratios.values[inner].max(), 2)
+            rows.append((ratios.core, ratios.of, clock.second(begin), rounded((end - begin) * 1e-9), worst, on))
     if not rows:
         return None
     rows.sort(key=lambda row: row[2])
     columns = ("core", "measurement", "from (s)", "for (s)", "largest ratio", "while")
     return Grid.limited("refused", "Measurements refused", columns, rows)
-
-
-def _lacks(log: Log, every: list[cores.EstimatorCore], core: cores.EstimatorCore | None) -> tuple[str, ...]:
-    lacks = []
-    own = (firmware_text(log) or "").startswith("xitl ")
-    if core is not None and core.innovations is None and not own:
-        lacks.append("Innovations are not in the log (XKF3); EK3_LOG_LEVEL 0 logs them.")
-    if every and core is not None and core.health is None:
-        lacks.append("Test ratios are not in the log (XKF4).")
-    if not every and log.format == "tlog":
-        lacks.append("Telemetry has test ratios only a few times a second, and of the core in use.")
-    return tuple(lacks)

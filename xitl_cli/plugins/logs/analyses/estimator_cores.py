@@ -234,7 +234,7 @@ def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iter
             f"The filter takes the {what} to be off by {bias[axis]:.2f} {unit} on {'xyz'[axis]}, since "
             f"{clock.text(from_ns)}" + (_AT_LIMIT if _at_limit(values, bias[axis]) else ""),
             (Evidence(message, fields[axis], from_ns, int(stamps[-1]), f"{bias[axis]:.2f} {unit}"),),
-            "Calibrate it at rest and warm, and see that it is left to settle before it is armed.",
+            "Calibrate it at rest and warm, and let it settle before arming.",
         )
 
 
@@ -307,7 +307,7 @@ def agreement_findings(every: list[EstimatorCore], two_worlds: bool, clock: LogC
             Severity.NOTICE if two_worlds else Severity.WARNING,
             f"Cores {every[0].number} and {every[1].number} were up to {size[worst]:.1f} {unit} apart in {what} "
             f"while armed, at {clock.text(at_ns)}"
-            + (": their IMUs are of two worlds, one fed from outside, one simulated" if two_worlds else ""),
+            + (": one IMU is fed from outside, the other is simulated" if two_worlds else ""),
             (Evidence(every[0].solution.name if every[0].solution else "XKF1", None, at_ns),),
             "Compare the IMUs they use: a bias or a gap of one of them pulls its core away.",
         )
@@ -434,43 +434,47 @@ def _ratios_of(core: int, table: Table, columns: Mapping[str, str]) -> list[Test
 
 def ratio_facts(every: list[TestRatios], clock: LogClock) -> Iterator[Fact]:
     """Largest ratio of each test of the core in use while armed, or overall if never armed."""
-    for one in every:
-        rows = inside(one.stamp_ns, clock.armed) if clock.armed else np.ones(len(one.values), dtype=np.bool_)
+    for ratios in every:
+        rows = inside(ratios.stamp_ns, clock.armed) if clock.armed else np.ones(len(ratios.values), dtype=np.bool_)
         if rows.any():
-            label = f"Largest test ratio, {one.of}"
-            yield Fact(f"ratio_{one.of}_max", label, round(float(one.values[rows].max()), 3))
+            label = f"Largest test ratio, {ratios.of}"
+            yield Fact(f"ratio_{ratios.of}_max", label, round(float(ratios.values[rows].max()), 3))
 
 
 def refusal_findings(every: list[TestRatios], clock: LogClock) -> Iterator[Finding]:
     """Refusals of the core in use while armed. Before arming, filters settle, so refusals are normal."""
-    for one in every:
-        spans = [span for span in one.refused if clock.was_armed(*span)]
+    for ratios in every:
+        spans = [span for span in ratios.refused if clock.was_armed(*span)]
         if not spans:
             continue
         total_s = length_s(spans)
-        rows = inside(one.stamp_ns, spans)
-        worst = int(np.flatnonzero(rows)[np.argmax(one.values[rows])])
-        message, _, field = one.source.partition(".")
+        rows = inside(ratios.stamp_ns, spans)
+        worst = int(np.flatnonzero(rows)[np.argmax(ratios.values[rows])])
+        message, _, field = ratios.source.partition(".")
         lasted = f"{length_text(total_s)} in all" if total_s > 0.0 else f"{len(spans)} single samples"
         yield Finding(
-            f"estimator.refused.{one.of}",
+            f"estimator.refused.{ratios.of}",
             Severity.WARNING if total_s >= _LONG_S else Severity.NOTICE,
-            f"The estimator refused {_SENSORS[one.of]} while armed, {lasted}; the test ratio reached "
-            f"{one.values[worst]:.2f} at {clock.text(int(one.stamp_ns[worst]))}",
+            f"The estimator refused {_SENSORS[ratios.of]} while armed, {lasted}; the test ratio reached "
+            f"{ratios.values[worst]:.2f} at {clock.text(int(ratios.stamp_ns[worst]))}",
             tuple(Evidence(message, field, begin, end) for begin, end in spans[:_MOST_SPANS]),
-            f"Compare {_SENSORS[one.of]} with the other sensors there; look for a jump, a bias or a lost fix.",
+            f"Compare {_SENSORS[ratios.of]} with the other sensors there; look for a jump, a bias or a lost fix.",
         )
 
 
 def ratio_plot(every: list[TestRatios], marks: tuple[Mark, ...]) -> Plot | None:
     if not every:
         return None
-    several = len({one.core for one in every}) > 1
+    several = len({ratios.core for ratios in every}) > 1
     traces = [
-        Trace(f"{one.of}, core {one.core}" if several else one.of, one.stamp_ns, one.values.astype(np.float64))
-        for one in every
+        Trace(
+            f"{ratios.of}, core {ratios.core}" if several else ratios.of,
+            ratios.stamp_ns,
+            ratios.values.astype(np.float64),
+        )
+        for ratios in every
     ]
-    begin, end = (pick(one.stamp_ns[at] for one in every) for pick, at in ((min, 0), (max, -1)))
+    begin, end = (pick(ratios.stamp_ns[at] for ratios in every) for pick, at in ((min, 0), (max, -1)))
     limit = Trace("refused from here", np.array([begin, end], dtype=np.int64), np.ones(2))
     return Plot("test_ratios", "Test ratios", "ratio", (*traces, limit), marks=marks)
 
@@ -493,7 +497,7 @@ def timeout_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
             f"The estimator went without {name} for {length_text(length_s(spans))} while armed, first at "
             f"{clock.text(spans[0][0])}",
             tuple(Evidence(table.name, "TS", begin, end, name) for begin, end in spans[:_MOST]),
-            "Look at that sensor: no data, or all of it refused.",
+            "Look at that sensor: it sent no data, or all of it was refused.",
         )
 
 
@@ -513,7 +517,7 @@ def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     bits = int(np.bitwise_or.reduce(flags[rows]))
     spans = spans_where(stamps, flags != 0, _JOIN_S)
     fault_names = (
-        f"its bits are 0x{bits:x}, of which versions differ in the meaning"
+        f"its bits are 0x{bits:x}; their meaning depends on the version"
         if core.filter == FIRST_FILTER
         else ", ".join(codes.bit_names(codes.EKF_FAULTS, bits))
     )
@@ -522,7 +526,8 @@ def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
         f"The filter itself was faulty for {length_text(length_s(spans))}, first at "
         f"{clock.text(int(stamps[rows[0]]))}: {fault_names}",
         tuple(Evidence(table.name, "FS", begin, end, f"0x{bits:x}") for begin, end in spans[:_MOST]),
-        "Do not trust attitude or position there; look at IMU gaps and clipping, and at what it fused.",
+        "Do not trust attitude or position there; look at gaps and clipping of the IMU, and at the measurements "
+        "that it used.",
     )
 
 
@@ -532,26 +537,26 @@ def unused_core_findings(log: Log, every: list[EstimatorCore], clock: LogClock) 
         if len(every) < 2 or core.health is None or "PI" not in core.health.columns:
             continue
         idle = flag_column(core.health, "PI") != core.number
-        told: list[str] = []
+        troubles: list[str] = []
         evidence: list[Evidence] = []
         for ratio in _ratios_of(core.number, Selection(core.health, idle), _COLUMNS):
             spans = [span for span in ratio.refused if clock.was_armed(*span)]
             if length_s(spans) >= _LONG_S:
-                told.append(f"it refused {_SENSORS[ratio.of]} for {length_text(length_s(spans))}")
+                troubles.append(f"it refused {_SENSORS[ratio.of]} for {length_text(length_s(spans))}")
                 message, _, field = ratio.source.partition(".")
                 evidence += [Evidence(message, field, *span) for span in spans[:4]]
         table = Selection(core.health, idle)
         flags = flag_column(table, "FS") & ~codes.EKF_NOT_INITIALISED if "FS" in table.columns else np.zeros(0)
         if len(flags) and (bad := (flags != 0) & inside(table.stamp_ns, clock.armed)).any():
             spans = spans_where(table.stamp_ns, bad, _JOIN_S)
-            told.append(f"it was faulty for {_lasting(spans)}")
+            troubles.append(f"it was faulty for {_lasting(spans)}")
             evidence += [Evidence(table.name, "FS", *span) for span in spans[:4]]
-        if told:
+        if troubles:
             yield Finding.notice(
                 "estimator.unused_core",
-                f"Core {core.number} of the estimator, not in use then: {', '.join(told)}",
+                f"Core {core.number} of the estimator, not in use then: {', '.join(troubles)}",
                 tuple(evidence),
-                "Nothing steered by it; compare its IMU with the others before a switch brings it into use.",
+                "Nothing used it. Compare its IMU with the others before a switch activates it.",
             )
 
 
@@ -573,7 +578,7 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
             f"The estimator had no absolute position for {_lasting(spans)} while armed, first at "
             f"{clock.text(spans[0][0])}",
             _evidence(table.name, column, spans),
-            "Look at GNSS (fix, dropouts) and at what was refused just before.",
+            "Look at GNSS (fix, dropouts) and at the refusals just before.",
         )
     if column == "SS":
         # Status flags of the filter while armed, position available: GPS glitch, dead reckoning.
@@ -581,7 +586,7 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
             yield Finding(
                 "estimator.gps_glitch",
                 Severity.WARNING if length_s(spans) >= _LONG_S else Severity.NOTICE,
-                f"The estimator took GPS for glitching for {_lasting(spans)} while armed, first at "
+                f"The estimator judged GPS to be glitching for {_lasting(spans)} while armed, first at "
                 f"{clock.text(spans[0][0])}",
                 _evidence(table.name, "SS", spans),
                 "Compare GPS with the estimate there: a jump, or a drift of the estimate.",
@@ -593,7 +598,7 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
                 f"The estimator was dead reckoning for {_lasting(spans)} while armed, first at "
                 f"{clock.text(spans[0][0])}",
                 _evidence(table.name, "SS", spans),
-                "Look at GNSS there: a dropout, or all of it refused.",
+                "Look at GNSS there: it dropped out, or all of it was refused.",
             )
 
 
@@ -646,7 +651,7 @@ def primary_core(every: list[EstimatorCore]) -> int:
 def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
     """Logged resets, and steps of the position that its velocity does not explain, in order of time."""
     names = {codes.EKF_ALT_RESET: "height reset", codes.EKF_YAW_RESET: "yaw reset"}
-    found = [EstimateJump(at_ns, names[number], None, "EV.Id") for at_ns, number in event_rows(log) if number in names]
+    jumps = [EstimateJump(at_ns, names[number], None, "EV.Id") for at_ns, number in event_rows(log) if number in names]
     if core is not None:
         # XKF4.OFN and OFE hold the last reset of the position.
         table = core.health
@@ -662,12 +667,12 @@ def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
                 for row in rows.tolist()
                 if math.isfinite(north[row]) and math.isfinite(east[row])
             ]
-        found += offsets
-        told = [(one.at_ns - _SAME_NS, one.at_ns + _SAME_NS) for one in found if abs(one.at_ns) < _LATEST_NS]
+        jumps += offsets
+        event_spans = [(one.at_ns - _SAME_NS, one.at_ns + _SAME_NS) for one in jumps if abs(one.at_ns) < _LATEST_NS]
         steps = _steps(core)
-        known = inside(np.array([one.at_ns for one in steps], dtype=np.int64), told)
-        found += [one for one, twice in zip(steps, known.tolist(), strict=True) if not twice]
-    return sorted(found, key=lambda jump: jump.at_ns)
+        known = inside(np.array([one.at_ns for one in steps], dtype=np.int64), event_spans)
+        jumps += [one for one, twice in zip(steps, known.tolist(), strict=True) if not twice]
+    return sorted(jumps, key=lambda jump: jump.at_ns)
 
 
 def reset_findings(
@@ -747,5 +752,5 @@ def _jumped(every: list[EstimateJump], clock: LogClock) -> Iterator[Finding]:
                 )
                 for jump in these[:_MOST]
             ),
-            "Controllers saw a step there; look for what the estimator refused before it.",
+            "The controllers saw a step there. Look for measurements that the estimator refused before it.",
         )

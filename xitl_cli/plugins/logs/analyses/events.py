@@ -114,20 +114,20 @@ _STEPS: Mapping[int, str] = MappingProxyType(
     {
         codes.ERR_COMPASS: "Compare the compasses and MAG.Health (sensors section); check wiring and interference.",
         codes.ERR_GPS: "Look at the GNSS section: fix, satellites, HDOP at this time.",
-        codes.ERR_BARO: "Look at BARO.H and BARO.Press (sensors section); its altitude is worth nothing meanwhile.",
+        codes.ERR_BARO: "Look at BARO.H and BARO.Press (sensors section); its altitude is not valid meanwhile.",
         codes.ERR_EKF_CHECK: "Look at test ratios and position in the estimator section at this time.",
         codes.ERR_EKF_FAILSAFE: "Look at the estimator section: position was lost or inconsistent.",
-        codes.ERR_CPU: "Look at the scheduler section: the main loop stood still.",
+        codes.ERR_CPU: "Look at the scheduler section: the main loop stopped.",
         codes.ERR_CRASH: "Look at attitude, speed and throttle just before.",
         codes.ERR_INTERNAL: "Look up the bits in PM.InE or MON.IErr, and report it with this log.",
         codes.ERR_GCS_FAILSAFE: "Look at the radio section, and FS_GCS_ENABLE.",
         codes.ERR_RC_FAILSAFE: "Check the receiver, FS_THR_ENABLE and FS_TIMEOUT.",
         codes.ERR_BATTERY_FAILSAFE: "Look at the power section, BATT_LOW_VOLT and BATT_CRT_VOLT.",
-        codes.ERR_FENCE: "Compare track and fence; FENCE_ACTION decided what followed.",
+        codes.ERR_FENCE: "Compare the track with the fence. FENCE_ACTION decided the reaction.",
         codes.ERR_NAVIGATION: "Check the destination against fence and position at this time.",
-        codes.ERR_MODE_REFUSED: "The mode needs what was missing then, most often a position; see the sentences "
-        "beside.",
-        codes.ERR_SENSORS: "Look at the sensors section: which of them stopped.",
+        codes.ERR_MODE_REFUSED: "The mode needs something that was missing, most often a position. See the messages "
+        "at this time.",
+        codes.ERR_SENSORS: "See in the sensors section which of them stopped.",
         codes.ERR_EKF_PRIMARY: "Look at the estimator section.",
     }
 )
@@ -233,7 +233,7 @@ def _error(subsystem: int, code: int, group: list[ErrorSpan], kind: VehicleKind,
             Evidence("ERR", "ECode", span.from_ns, span.until_ns, f"{subsystem}/{code}")
             for span in group[:_MOST_EVIDENCE]
         ),
-        _STEPS.get(subsystem, "Look at the sentences around this instant."),
+        _STEPS.get(subsystem, "Look at the messages around this time."),
     )
 
 
@@ -267,7 +267,7 @@ def _from_texts(log: Log, told: list[ReportedTrouble], spans: list[ErrorSpan], c
             severity,
             f'"{trouble.text.text}"{times} at {clock.text(at_ns)}, {"armed" if on else "not armed"}{over}',
             (Evidence(message, field, at_ns, trouble.until_ns, trouble.text.text),),
-            "Look at what was said and what changed around this instant.",
+            "Look at the messages and changes around this time.",
         )
 
 
@@ -284,7 +284,7 @@ def _failure_of_run(log: Log, clock: LogClock) -> Iterator[Finding]:
             "events.run_failed",
             f"The run failed at {clock.text(at_ns)}: {text}",
             (Evidence("/log", "message", at_ns, value=text),),
-            "What was recorded until then is whole; summary.json has the same sentence.",
+            "The recording is complete until then. summary.json has the same sentence.",
         )
 
 
@@ -297,14 +297,14 @@ def _internal_error_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
             task = watchdog.values(first_of(watchdog, ("Task", "Tsk")) or "", raw=True)[-1]
             sentence += f", in scheduler task {int(task)}"
         evidence = Evidence("WDOG", None, int(watchdog.stamp_ns[-1]))
-        step = "Report it with this log: which code stood still is in WDOG and in @SYS/crash_dump.bin."
+        step = "Report it with this log: WDOG and @SYS/crash_dump.bin show which code stopped."
         yield Finding.critical("events.watchdog", sentence, (evidence,), step)
     stuck = log.tables.get("MON")
     if stuck is not None:
-        sentence = f"The main loop stood still long enough to be written down {len(stuck)} times"
+        sentence = f"The main loop stopped long enough to be logged {len(stuck)} times"
         if "Dly" in stuck.columns:
             sentence += f", for up to {int(np.max(stuck.values('Dly', raw=True)))} ms"
-        step = "Look at the scheduler section at this time, and at MON.Tsk for the task it stood in."
+        step = "Look at the scheduler section at this time, and at MON.Tsk for the task in which it stopped."
         each = tuple(Evidence("MON", "Dly", at_ns) for at_ns in stuck.stamp_ns[:_MOST_EVIDENCE].tolist())
         yield Finding.critical("events.main_loop_stuck", sentence, each, step)
     for name, columns in (("PM", ("InE", "IntE", "IErr")), ("MON", ("IErr",)), ("WDOG", ("IErr",))):

@@ -36,25 +36,25 @@ EXPECTED: Mapping[str, Mapping[str, str]] = {
     },
     "imu": {
         "dropout": "gaps of the IMU (sensors)",
-        "freeze": "an IMU that stands still (sensors)",
+        "freeze": "an IMU whose values do not change (sensors)",
         "gyro_bias_frd_radps": "gyroscopes that do not agree with the compass, heading innovations (estimator)",
         "accel_bias_frd_mps2": "velocity innovations (estimator)",
     },
     "gnss": {
         "dropout": "no fixes (GNSS), an estimate that coasts (estimator)",
-        "freeze": "a position that stands still (GNSS)",
+        "freeze": "a position that does not change (GNSS)",
         "position_bias_ned_m": "position innovations, a reset (estimator)",
         "velocity_bias_ned_mps": "velocity innovations (estimator)",
-        "drift_mps": "a position that leaves what its velocity makes (actuators and power)",
+        "drift_mps": "a position that departs from its velocity (actuators and power)",
     },
     "magnetometer": {
         "dropout": "gaps of the compass (sensors)",
-        "freeze": "a compass that stands still (sensors)",
+        "freeze": "a compass whose values do not change (sensors)",
         "field_bias_frd_gauss": "heading innovations (estimator)",
     },
     "barometer": {
         "dropout": "gaps of the barometer (sensors)",
-        "freeze": "a barometer that stands still (sensors)",
+        "freeze": "a barometer whose values do not change (sensors)",
         "pressure_bias_pa": "height innovations (estimator)",
     },
     "propeller": {
@@ -116,7 +116,7 @@ def analyse(log: Log) -> Section | None:
                     "faults.takeover",
                     f"At {clock.text(at_ns)} {other} took over from {one}{silent}{stepped}",
                     (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s" if silent else ""),),
-                    "See the links and the scheduler for why the first one fell silent.",
+                    "See in the links and the scheduler why the first one stopped sending.",
                 )
             )
         grids.append(
@@ -190,24 +190,18 @@ def _wrongs(fault: Mapping[Any, Any]) -> tuple[tuple[str, str, str], ...]:
         for group, keys in fault.items()
         if group in EXPECTED and isinstance(keys, dict)
         for key, value in keys.items()
-        if key in EXPECTED[group] and _does_something(value)
+        if key in EXPECTED[group] and (any(value) if isinstance(value, list) else value)
     )
-
-
-def _does_something(value: object) -> bool:
-    if isinstance(value, list):
-        return any(value)
-    return bool(value)
 
 
 def _finding(fault: FaultSpan, clock: LogClock) -> Finding:
     end = "to the end" if fault.until_ns is None else f"to {clock.text(fault.until_ns)}"
-    seen = f"; to be seen: {fault.expected}" if fault.expected else ""
+    seen = f"; expected: {fault.expected}" if fault.expected else ""
     return Finding.notice(
         "faults.injected",
         f"On purpose: {fault.name} from {clock.text(fault.from_ns)} {end} ({fault.what}){seen}",
         (Evidence("/faults", "active", fault.from_ns, fault.until_ns, fault.what),),
-        "Read what other sections find in this time as its effect; what they find outside of it is not.",
+        "Findings of other sections in this time are its effects. Findings at other times are not.",
     )
 
 
@@ -271,7 +265,7 @@ def _grid(log: Log, faults: Sequence[FaultSpan], clock: LogClock) -> Grid:
     columns = (
         "fault", "from (s)", "until (s)", "what", "to be seen", "frames lost then", "deadlines missed", "clock steps",
     )  # fmt: skip
-    return Grid.limited("faults", "Faults on purpose, and what came with them", columns, rows)
+    return Grid.limited("faults", "Injected faults and their effects", columns, rows)
 
 
 def _plots(log: Log, faults: Sequence[FaultSpan]) -> tuple[Plot, ...]:

@@ -41,7 +41,7 @@ def fix_findings(log: Log, receiver: GnssReceiver, pause: Stamps, clock: LogCloc
             "gnss.no_fix",
             f"{receiver.name} never had a 3D fix; the best was: {best}",
             (Evidence(receiver.message, field, int(receiver.stamp_ns[0]), int(receiver.stamp_ns[-1])),),
-            "Check antenna and sky; a receiver that is not fitted should be disabled.",
+            "Check antenna and sky; disable a receiver that is not fitted.",
         )
         return
     yield from _outages(log, receiver, fixed, pause, clock)
@@ -50,7 +50,7 @@ def fix_findings(log: Log, receiver: GnssReceiver, pause: Stamps, clock: LogCloc
         times = listed([clock.text(int(receiver.stamp_ns[row + 1])) for row in fell])
         yield Finding.notice(
             "gnss.rtk_lost",
-            f"{receiver.name} fell from an RTK solution to a lesser one {_times(len(fell))}: at {times}",
+            f"{receiver.name} lost its RTK solution {_times(len(fell))}: at {times}",
             tuple(Evidence(receiver.message, field, int(receiver.stamp_ns[row + 1])) for row in fell[:8]),
             "Look at the link that carries the corrections, and at the satellites then.",
         )
@@ -94,7 +94,7 @@ def _outages(log: Log, receiver: GnssReceiver, fixed: Flags, pause: Stamps, cloc
             f"{receiver.name} {did} {_times(len(found))} (it comes every {regular.period_s * 1e3:.0f} ms): "
             f"at {times}{ended}",
             tuple(Evidence(receiver.message, receiver.fields["fix"], a, b) for a, b in found[:8]),
-            "Look at satellites and interference then, at wiring and baud rate, and at what the estimator did without.",
+            "Look at satellites and interference then, at wiring and baud rate, and at the estimator without it.",
         )
 
 
@@ -146,7 +146,7 @@ def motion_section(receiver: GnssReceiver, clock: LogClock) -> Section:
                 Fact("speed_noise_mps", "Velocity from fix to fix, one sigma an axis", noise_mps, "m/s"),
             ]
             name = f"{receiver.name} position against velocity"
-            title = "How far each position is from where the velocity would have led"
+            title = "Distance of each position from the place to which the velocity leads"
             trace = Trace(name, receiver.stamp_ns[good[1:]], length, "points")
             plots.append(Plot(f"gnss_motion_{receiver.name}", title, "m", (trace,)))
     return Section("gnss", "GNSS", facts=tuple(facts), findings=tuple(findings), plots=tuple(plots))
@@ -210,10 +210,10 @@ def _bias(
     at_ns = int(stamps[0] + numbers[worst] * int(_WINDOW_S * 1e9))
     yield Finding.warning(
         "gnss.velocity_off",
-        f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off what its positions do, over ten seconds "
+        f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off the change of its positions, over ten seconds "
         f"from {clock.text(at_ns)}",
         (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, at_ns + int(_WINDOW_S * 1e9)),),
-        "Check the receiver's dynamic model and configuration; the estimator takes both for true.",
+        "Check the receiver's dynamic model and configuration; the estimator trusts both.",
     )
 
 
@@ -270,7 +270,7 @@ def analyse(log: Log) -> Section | None:
         if receiver.accuracy is None or receiver.accuracy.horizontal_m is None:
             lacks.append(f"{receiver.name} states no accuracy (GPA.HAcc).")
         if receiver.week is not None and not (np.nan_to_num(receiver.week[fixed_rows(receiver)]) > 0).any():
-            lacks.append(f"{receiver.name} tells no GPS time (week 0): the log cannot be placed in UTC by it.")
+            lacks.append(f"{receiver.name} logs no GPS time (week 0), so it gives no UTC for this log.")
     return Section(
         "gnss",
         _TITLE,
@@ -319,7 +319,7 @@ def _quality(receiver: GnssReceiver) -> Iterator[Finding]:
             "gnss.poor",
             f"{receiver.name} had {what} for {100.0 * float(bad.mean()):.0f} % of the time with a fix",
             tuple(Evidence(message, field, begin, end) for begin, end in spells(stamps, bad)),
-            "Give the antenna more sky, away from radio and computer; expect the estimator to wander as much.",
+            "Give the antenna more sky, away from radio and computer. The estimator drifts as much.",
         )
 
 
@@ -349,7 +349,7 @@ def _two_receivers(found: list[GnssReceiver], clock: LogClock) -> Iterator[Findi
                 f"{one.name} and {other.name} are {usual:.1f} m apart as a rule and {apart[worst]:.1f} m at "
                 f"{clock.text(int(one.stamp_ns[worst]))}",
                 (Evidence(one.message, one.fields["lat"], int(one.stamp_ns[worst]), None, f"{apart[worst]:.1f} m"),),
-                "Compare both with the estimate to see which one strayed.",
+                "Compare both with the estimate to see which one is wrong.",
             )
 
 
@@ -376,9 +376,10 @@ def _glitches(log: Log, clock: LogClock) -> Iterator[Finding]:
     spans.sort()
     yield Finding.warning(
         "gnss.glitch",
-        f"The autopilot took positions for a glitch, first at {clock.text(spans[0][0])}",
+        f"The autopilot judged positions to be a glitch, first at {clock.text(spans[0][0])}",
         tuple(Evidence(message, field, a, b) for a, b, message, field in spans[:8]),
-        "Compare the receiver's positions with the estimate then: interference, or an estimator that went astray.",
+        "Compare the receiver's positions with the estimate then: look for interference, or for an estimator "
+        "that diverged.",
     )
 
 
@@ -463,5 +464,5 @@ def _plots(found: list[GnssReceiver], findings: list[Finding]) -> tuple[Plot, ..
                     trust.append(Trace(f"{receiver.name} {name}", accuracy.stamp_ns, values))
     plots = [Plot("gnss_view", "Fix, satellites, dilution", "", tuple(view), marks=marks)]
     if trust:
-        plots.append(Plot("gnss_accuracy", "Accuracy as the receiver states it", "m, m/s", tuple(trust), marks=marks))
+        plots.append(Plot("gnss_accuracy", "Accuracy that the receiver reports", "m, m/s", tuple(trust), marks=marks))
     return tuple(plots)

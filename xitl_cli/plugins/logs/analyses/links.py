@@ -261,9 +261,9 @@ def _silences(quiet: Quiet, happened: Sequence[Moment], clock: LogClock, in_run:
         Severity.NOTICE if beside else Severity.WARNING,
         f"{quiet.name}: no frame for {(end - begin) * 1e-9:.1f} s {since} ({again}){with_}",
         tuple(Evidence(quiet.source, None, from_ns, until_ns) for from_ns, until_ns in spans[:10]),
-        "It was on purpose if the fault is of this link; see what the autopilot did meanwhile (modes, events)."
+        "It was injected if the fault is of this link. See the reaction of the autopilot (modes, events)."
         if beside
-        else "Look at the link and at both of its ends then: power, cable, antenna, restarts, a machine asleep."
+        else "Look at the link and both of its ends: power, cable, antenna, restarts, a sleeping machine."
         if in_run
         else "Look at range and antennas then; the autopilot's failsafe may have acted (modes, events).",
     )
@@ -271,17 +271,17 @@ def _silences(quiet: Quiet, happened: Sequence[Moment], clock: LogClock, in_run:
 
 def _plots(found: list[Sender], quiet: list[Quiet]) -> tuple[Plot, ...]:
     traces = []
-    for each in found[:6]:
-        if len(each.stamp_ns) < LEAST_FRAMES:
+    for sender in found[:6]:
+        if len(sender.stamp_ns) < LEAST_FRAMES:
             continue
-        begin = int(each.stamp_ns.min())
-        window = ((each.stamp_ns - begin) // WINDOW_NS).astype(np.int64)
+        begin = int(sender.stamp_ns.min())
+        window = ((sender.stamp_ns - begin) // WINDOW_NS).astype(np.int64)
         size = int(min(window.max() + 1, 200_000))
         kept = window < size
-        counted = np.bincount(window[kept], weights=each.lost[kept], minlength=size).astype(np.float64)
+        counted = np.bincount(window[kept], weights=sender.lost[kept], minlength=size).astype(np.float64)
         instants_ns: Stamps = begin + WINDOW_NS * np.arange(size, dtype=np.int64)
-        traces.append(Trace(each.name, instants_ns, counted, "steps"))
-    marks = tuple(Mark(begin, f"{each.name}: nothing", end) for each in quiet for begin, end in each.spans)
+        traces.append(Trace(sender.name, instants_ns, counted, "steps"))
+    marks = tuple(Mark(begin, f"{sender.name}: nothing", end) for sender in quiet for begin, end in sender.spans)
     if not traces:
         return ()
     return (Plot("sequence_losses", "Frames missing each second", "frames", tuple(traces), marks=marks),)
@@ -293,9 +293,12 @@ _BASIC = {"name", "sent", "received", "lost", "gaps", "repeated", "impaired"}
 LATENCIES = ("latency_p50_s", "latency_p99_s", "latency_max_s")
 LATENCY_WARNING_S = 0.1
 _TROUBLES = {
-    "dropped": ("frames came damaged, unknown or from elsewhere", "Look at the line's quality and at who else sends."),
-    "unsent": ("frames were not taken by the transport", "The link is slower than what it has to carry: lower rates."),
-    "refused": ("frames were refused for their signature", "Give both ends the same key."),
+    "dropped": (
+        "frames were damaged, unknown or from another sender",
+        "Look at the quality of the line, and for other senders.",
+    ),
+    "unsent": ("frames were refused by the transport", "The link is too slow for its messages: lower their rates."),
+    "refused": ("frames had a wrong signature, or none", "Use the same signing key at both ends."),
 }
 """By count of /links: the fate of these frames, and the recommended action."""
 
@@ -396,9 +399,9 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
             f"{name}: {least}{lost} of {of} frames were lost ({100.0 * lost / of:.2f} %){purpose}{when}",
             tuple(Evidence("/links", field, a, b, str(lost)) for a, b in spans)
             or (Evidence("/links", field, value=str(lost)),),
-            "The faults section says what was injected and when."
+            "The faults section shows which faults were injected and when."
             if on_purpose == lost
-            else "Look at the link's rate, cable or radio, and at what else ran on it then.",
+            else "Look at the link's rate, cable or radio, and at its other load then.",
         )
     for count, (what, step) in _TROUBLES.items():
         number_of = counts.get(count) or 0
@@ -417,7 +420,7 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
             "links.latency",
             f"{name}: one message in a hundred took {1e3 * p99_s:.0f} ms or more",
             (Evidence("/links", "latency_p99_s", value=f"{1e3 * p99_s:.1f} ms"),),
-            "Control lives with old samples: look at the load of the link and of both machines.",
+            "The control uses old samples: look at the load of the link and of both machines.",
         )
 
 
@@ -436,7 +439,7 @@ def _count_plots(links: dict[str, Selection]) -> tuple[Plot, ...]:
                     latencies.append(Trace(f"{name}, {what}", link.stamp_ns[known], values[known]))
     plots = [Plot("losses", "Frames lost between two counts", "frames", tuple(losses))]
     if latencies:
-        plots.append(Plot("latencies", "How long messages took, so far", "ms", tuple(latencies)))
+        plots.append(Plot("latencies", "Latency of the messages so far", "ms", tuple(latencies)))
     return tuple(plots)
 
 
@@ -483,8 +486,8 @@ def _channels(log: Log, clock: LogClock) -> Section | None:
                     f"The autopilot missed {dropped} of {of} packets sent to it on channel {channel} "
                     f"({100.0 * dropped / of:.1f} %), from {clock.text(begin)} to {clock.text(end)}",
                     tuple(Evidence("MAV", "rxdp", a, b, str(dropped)) for a, b in spans),
-                    "Look at the radio, its antenna and the baud rate of that port; several senders with one system "
-                    "number look the same.",
+                    "Look at the radio, its antenna and the baud rate of that port; several senders with the same "
+                    "system number have the same effect.",
                 )
             )
     heard = sum(int(_grown(mine, "rxp").sum()) for mine in channels.values())
@@ -519,7 +522,7 @@ def _radio(log: Log, clock: LogClock) -> Section | None:
                     f"The radio's signal {where} was within {MARGIN_LOW:.0f} steps of the noise in {len(low)} of "
                     f"{len(table)} reports, first at {clock.text(spans[0][0])}",
                     tuple(Evidence("RAD", strength, a, b, f"{margin.min():.0f}") for a, b in spans),
-                    "Look at antennas and their place, at the distance then, and at what else transmits nearby.",
+                    "Look at antennas and their place, at the distance then, and for other transmitters nearby.",
                 )
             )
     for name, label in (("RxErrors", "Radio: receive errors"), ("Fixed", "Radio: errors corrected")):
@@ -552,7 +555,7 @@ def _serial(log: Log, clock: LogClock) -> Section | None:
                     f"Serial port {port} lost bytes it had received, up to {lost.max():.0f} a second, first at "
                     f"{clock.text(spans[0][0])}",
                     tuple(Evidence("UART", "RxDp", a, b, f"{lost.max():.0f} B/s") for a, b in spans),
-                    "They came faster than they were read: look at the long loops then, or use DMA on that port.",
+                    "They arrived faster than they were read. Look at the long loops then, or use DMA on that port.",
                 )
             )
     columns = ("port", "sent, mean (B/s)", "most (B/s)", "received, mean (B/s)", "most (B/s) ")
@@ -580,7 +583,7 @@ def _trips(log: Log, clock: LogClock) -> Section | None:
                 f"One round trip in a hundred took {p99:.0f} ms or more, the longest {trip_ms[worst]:.0f} ms at "
                 f"{clock.text(at_ns)}",
                 (Evidence("TSYN", column, at_ns, value=f"{trip_ms[worst]:.0f} ms"),),
-                "A companion that controls over this link sees it late: look at its load and the link's rate.",
+                "A companion that controls over this link gets late data. Look at its load and the link's rate.",
             )
         )
     facts = (

@@ -149,9 +149,9 @@ def analyse(log: Log) -> Section | None:
     complete |= bool(wanted) and done >= (wanted or 0)
     lacks = []
     if legs and not reached:
-        lacks.append("When waypoints were reached is not logged; only that the next one was taken up.")
+        lacks.append("The log does not show when waypoints were reached, only when the next one was started.")
     if not legs and any(span.name == _AUTO for span in modes):
-        lacks.append("Which items of the mission were carried out is not logged: no MISE, no MISSION_CURRENT.")
+        lacks.append("The log does not show which items were executed: it has no MISE and no MISSION_CURRENT.")
     facts = (
         Fact("waypoints", "Waypoints", wanted),
         Fact("waypoints_reached", "Waypoints reached", done if legs else None),
@@ -335,9 +335,9 @@ def _unfinished(
         severity,
         f"The mission was not completed: {done}{of} waypoints reached; {why}",
         (Evidence("MISE" if "MISE" in log.tables else "MISSION_CURRENT", None, at_ns),),
-        "Take a log that goes on to the end of the mission to judge all of it."
+        "Use a log that continues to the end of the mission."
         if key == "missions.log_ended"
-        else "Look at modes, arming and events at that instant.",
+        else "Look at modes, arming and events at that time.",
     )
 
 
@@ -352,5 +352,5 @@ def _changed(log: Log, loaded: list[MissionVersion], legs: list[MissionLeg], clo
         "missions.changed",
         f"The mission was changed {len(during)} times while it was carried out, first {after_s} after it began",
         tuple(Evidence("CMD", None, version.at_ns, value=f"{len(version.items)} items") for version in during[:20]),
-        f"Legs and cross track here are of the mission in force at {clock.text(legs[-1].from_ns)}.",
+        f"Legs and cross track here are of the mission that was active at {clock.text(legs[-1].from_ns)}.",
     )

@@ -27,11 +27,11 @@ _SAME_CAUSE_NS = 1_000_000_000
 _EVENT_NS = 3_000_000_000  # a run records a mode change up to 2 s after the heartbeat that shows it
 _MOST_MARKS = 200
 _STEPS = {
-    3: "Check the receiver and FS_THR_ENABLE, FS_TIMEOUT; switch the failsafe off where no RC is fitted.",
+    3: "Check the receiver and FS_THR_ENABLE, FS_TIMEOUT; disable the failsafe if no RC is fitted.",
     4: "Look at the power section, and at BATT_LOW_VOLT and BATT_CRT_VOLT.",
     5: "Look at the telemetry link (radio section), FS_GCS_ENABLE and FS_GCS_TIMEOUT.",
     6: "Look at the estimator section before this instant: which test ratio was over 1, of which sensor.",
-    10: "Compare track and fence; FENCE_ACTION decided what happened.",
+    10: "Compare the track with the fence. FENCE_ACTION decided the reaction.",
     19: "Look at attitude, throttle and speed just before.",
 }
 
@@ -60,7 +60,7 @@ def analyse(log: Log) -> Section | None:
     if not spans:
         if log.of_topics:
             return None
-        return Section("modes", "Modes", lacks=("The log has no MODE and no HEARTBEAT, so modes are not known.",))
+        return Section("modes", "Modes", lacks=("The log has no MODE and no HEARTBEAT, so the modes are unknown.",))
     clock = LogClock(log)
     rows = [
         (
@@ -86,7 +86,7 @@ def analyse(log: Log) -> Section | None:
     findings = _failsafes(spans, clock)
     lacks: tuple[str, ...] = ()
     if all(span.reason is None and not span.cause for span in spans):
-        lacks = ("Why modes changed is not logged here: telemetry does not carry the reason, the DataFlash log does.",)
+        lacks = ("Telemetry does not contain the reasons of mode changes. The DataFlash log does.",)
     return Section("modes", "Modes", facts, tuple(findings), (table,), lacks=lacks)
 
 
@@ -172,5 +172,5 @@ def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
             severity,
             f"At {clock.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
             (evidence,),
-            _STEPS.get(span.reason or 0, "Look at the events around this instant for what set it off."),
+            _STEPS.get(span.reason or 0, "Look at the events around this time for the cause."),
         )

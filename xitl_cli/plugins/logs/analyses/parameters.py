@@ -55,7 +55,7 @@ def analyse(log: Log) -> Section | None:
     if not rows:
         if log.of_topics:
             return None
-        lack = "No parameters are in the log (PARM, PARAM_VALUE), so settings and their changes are not known."
+        lack = "No parameters are in the log (PARM, PARAM_VALUE), so settings and their changes are unknown."
         return Section("parameters", "Parameters", lacks=(lack,))
     clock = LogClock(log)
     found = parameter_changes(log, rows)
@@ -94,11 +94,14 @@ def analyse(log: Log) -> Section | None:
             )
         )
     if differ:
-        listed = [(row.name, _shown(row.value), _shown(defaults[row.name])) for row in sorted(differ, key=_name)]
+        listed = [
+            (row.name, _shown(row.value), _shown(defaults[row.name]))
+            for row in sorted(differ, key=lambda row: row.name)
+        ]
         grids.append(
             Grid.limited("not_default", "Set to other than their default", ("parameter", "value", "default"), listed)
         )
-    lacks = () if defaults else ("Defaults of parameters are not in this log, so which were set is not known.",)
+    lacks = () if defaults else ("The log has no defaults of parameters, so it is unknown which were changed.",)
     shown = tuple(fact for fact in facts if fact.value is not None)
     return Section(
         "parameters", "Parameters", shown, tuple(_findings(log, found, last, clock)), tuple(grids), (), lacks
@@ -155,28 +158,28 @@ def _given(recording: Log) -> dict[str, set[float]]:
 def _findings(
     log: Log, found: list[ParameterChange], last: dict[str, ParameterRow], clock: LogClock
 ) -> Iterator[Finding]:
-    while_armed = [each for each in found if each.armed and not each.by_itself]
+    while_armed = [change for change in found if change.armed and not change.by_itself]
     if while_armed:
         first = while_armed[0]
-        names = list(dict.fromkeys(each.name for each in while_armed))
+        names = list(dict.fromkeys(change.name for change in while_armed))
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         yield Finding.notice(
             "parameters.changed_while_armed",
             f"{first.name}{more} changed while armed, first at {clock.text(first.at_ns)} from "
             f"{_shown(first.before):g} to {_shown(first.after):g}",
             tuple(
-                Evidence(each.source, each.name, each.at_ns, value=f"{each.before:g} to {each.after:g}")
-                for each in while_armed[:_MOST_EVIDENCE]
+                Evidence(change.source, change.name, change.at_ns, value=f"{change.before:g} to {change.after:g}")
+                for change in while_armed[:_MOST_EVIDENCE]
             ),
-            "Judge the parts before and after by themselves.",
+            "Judge the times before and after separately.",
         )
     threshold = last.get("FS_EKF_THRESH")
     if threshold is not None and threshold.value <= 0.0 and signals.armed(log):
         yield Finding.notice(
             "parameters.ekf_failsafe_off",
-            f"The EKF check is off (FS_EKF_THRESH {threshold.value:g}): no ERR 16 or 17 says nothing here",
+            f"The EKF check is off (FS_EKF_THRESH {threshold.value:g}), so a log without ERR 16 and 17 proves nothing",
             (Evidence(threshold.source, "FS_EKF_THRESH", threshold.at_ns, value=f"{threshold.value:g}"),),
-            "Set FS_EKF_THRESH to 0.8 to have a lost position noticed.",
+            "Set FS_EKF_THRESH to 0.8, so that the autopilot notices a lost position.",
         )
 
 
@@ -187,7 +190,3 @@ def _same(one: float, other: float) -> bool:
 def _shown(value: float) -> float:
     """Value with seven digits, the precision of a float32."""
     return float(f"{value:.7g}")
-
-
-def _name(row: ParameterRow) -> str:
-    return row.name

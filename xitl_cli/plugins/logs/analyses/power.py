@@ -45,67 +45,67 @@ class Battery:
 
 def batteries(log: Log) -> list[Battery]:
     """Every instance that ever has a voltage. For telemetry, BATTERY_STATUS, or else SYS_STATUS."""
-    found: list[Battery] = []
+    packs: list[Battery] = []
     for kinds in (("BAT", "BAT2"), ("CURR", "CUR2"), ("BATTERY_STATUS",), ("SYS_STATUS",)):
         for table in tables_of(log, kinds):
             for number, each in by_instance(table).items():
                 read = _battery_from_telemetry if kinds[0].endswith("_STATUS") else _battery_from_log
                 battery = read(table, each, number)
                 if battery is not None and (np.nan_to_num(battery.voltage_v) > 0.0).any():
-                    found.append(battery)
-        if found:
-            return found
-    return found
+                    packs.append(battery)
+        if packs:
+            return packs
+    return packs
 
 
-def _battery_from_log(table: Table, each: Table, number: int) -> Battery | None:
-    voltage = _measured(each, "Volt")
+def _battery_from_log(table: Table, rows: Table, number: int) -> Battery | None:
+    voltage = _measured(rows, "Volt")
     if voltage is None or not np.isfinite(voltage).any():
         return None
-    healthy = numbers(each, "H", raw=True)
+    healthy = numbers(rows, "H", raw=True)
     return Battery(
         name=instance_label(table, number),
         message=table.name,
         number=number + (2 if table.name.endswith("2") else 1),
-        stamp_ns=bounded_stamps(each),
+        stamp_ns=bounded_stamps(rows),
         voltage_v=voltage,
         voltage_field="Volt",
-        current_a=_measured(each, "Curr"),
-        used_mah=numbers(each, "CurrTot", raw=True),
-        remaining_percent=numbers(each, "RemPct"),
-        resistance_ohm=numbers(each, "Res"),
+        current_a=_measured(rows, "Curr"),
+        used_mah=numbers(rows, "CurrTot", raw=True),
+        remaining_percent=numbers(rows, "RemPct"),
+        resistance_ohm=numbers(rows, "Res"),
         healthy=None if healthy is None else healthy > 0.0,
     )
 
 
-def _measured(each: Table, name: str) -> Floats | None:
+def _measured(table: Table, name: str) -> Floats | None:
     """(N,) in volts or amperes.
 
     Before 2016 (CURR of Copter 3.4), the values were hundredths in whole numbers, which no letter of the FMT shows.
     Since then they are floating point. Source: LogStructure.h of ArduPilot's releases.
     """
-    values = numbers(each, name)
-    if values is None or each.columns[name].unit or each.values(name, raw=True).dtype.kind not in "iu":
+    values = numbers(table, name)
+    if values is None or table.columns[name].unit or table.values(name, raw=True).dtype.kind not in "iu":
         return values
     return values * _HUNDREDTHS
 
 
-def _battery_from_telemetry(table: Table, each: Table, number: int) -> Battery | None:
+def _battery_from_telemetry(table: Table, rows: Table, number: int) -> Battery | None:
     """Battery from MAVLink: mV with 65535 unknown, cA and % with -1 unknown."""
-    name = "voltages" if "voltages" in each.columns else "voltage_battery"
-    millivolts = numbers(each, name, raw=True)
+    name = "voltages" if "voltages" in rows.columns else "voltage_battery"
+    millivolts = numbers(rows, name, raw=True)
     if millivolts is None:
         return None
     cells = np.where(millivolts >= _UNKNOWN_MV, np.nan, millivolts).reshape(len(millivolts), -1)
     known = np.isfinite(cells).any(axis=1)
-    current = numbers(each, "current_battery", raw=True)
-    used = numbers(each, "current_consumed", raw=True)
-    remaining = numbers(each, "battery_remaining", raw=True)
+    current = numbers(rows, "current_battery", raw=True)
+    used = numbers(rows, "current_consumed", raw=True)
+    remaining = numbers(rows, "battery_remaining", raw=True)
     return Battery(
         name=instance_label(table, number),
         message=table.name,
         number=number + 1,
-        stamp_ns=bounded_stamps(each),
+        stamp_ns=bounded_stamps(rows),
         voltage_v=np.where(known, np.nansum(cells, axis=1) * 1e-3, np.nan),
         voltage_field=name,
         current_a=None if current is None else np.where(current < 0.0, np.nan, current * 1e-2),
@@ -127,7 +127,7 @@ def board_section(log: Log, clock: LogClock) -> Section | None:
     """Section on the board's supply; None if nothing of it is logged."""
     parts = [part for part in (_supply(log, clock), _processor(log, clock)) if part is not None]
     if not parts and log.format == "dataflash":
-        lack = "The board's own voltage is not logged (POWR): its sensor may be missing."
+        lack = "The voltage of the board is not logged (POWR). Its sensor may be missing."
         return Section("power", _TITLE, lacks=(lack,))
     return Section.joined("power", _TITLE, parts) if parts else None
 
@@ -151,7 +151,7 @@ def _supply(log: Log, clock: LogClock) -> Section | None:
                 f"The board's supply fell to {least:.2f} V at {clock.text(lowest_ns)}; "
                 f"under {LEAST_V} V a brown-out is near"
             )
-            step = "Take servos and radios off the board's supply, or fit a stronger one."
+            step = "Power servos and radios from another supply, or fit a stronger one."
             findings.append(Finding.warning("power.brown_out", sentence, evidence, step))
         elif most - least > CHANGE_V:
             sentence = f"The board's supply changed by {most - least:.2f} V, from {least:.2f} to {most:.2f} V"
@@ -182,7 +182,7 @@ def _flag_findings(table: Table, clock: LogClock) -> Iterator[Finding]:
                 Evidence(table.name, field, begin, end, str(int(bits[over[0]])))
                 for begin, end in spells(table.stamp_ns, (bits & _OVERCURRENT) != 0)
             ),
-            "Unplug peripherals one by one, or feed them from a supply of their own.",
+            "Unplug peripherals one by one, or power them from a separate supply.",
         )
     lost = np.flatnonzero(((bits[:-1] & _BRICK) != 0) & ((bits[1:] & _BRICK) == 0)) + 1
     if len(lost):
@@ -221,23 +221,23 @@ _NO_BATTERY_V = 3.0  # below one cell: a monitor without a battery
 def analyse(log: Log) -> Section | None:
     """Section on power; None for a recording without batteries. For a vehicle's log, the lack is reported."""
     clock = LogClock(log)
-    found = batteries(log)
+    packs = batteries(log)
     parameters = parameter_values(log)
     supply = board_section(log, clock)
-    if not found and supply is None and log.of_topics:
+    if not packs and supply is None and log.of_topics:
         return None
-    findings = [finding for each in found for finding in _judged(each, parameters, clock)]
+    findings = [finding for battery in packs for finding in _judged(battery, parameters, clock)]
     lacks: list[str] = []
-    if not found:
+    if not packs:
         lacks.append("No battery is logged; set BATT_MONITOR, and the bit CURRENT of LOG_BITMASK.")
     else:
-        for each in found:
-            if parameters and parameters.get(_prefix(each) + "LOW_VOLT", 0.0) <= 0.0:
+        for battery in packs:
+            if parameters and parameters.get(_prefix(battery) + "LOW_VOLT", 0.0) <= 0.0:
                 lacks.append(
-                    f"{each.name} has no low level ({_prefix(each)}LOW_VOLT is 0): its voltage cannot be judged."
+                    f"{battery.name} has no low level ({_prefix(battery)}LOW_VOLT is 0): its voltage cannot be judged."
                 )
-            if each.current_a is None or not np.nan_to_num(each.current_a).any():
-                lacks.append(f"{each.name} measures no current.")
+            if battery.current_a is None or not np.nan_to_num(battery.current_a).any():
+                lacks.append(f"{battery.name} measures no current.")
     failsafes: list[Finding] = []
     acted = [
         (at_ns, code) for at_ns, subsystem, code in error_rows(log) if subsystem == ERR_BATTERY_FAILSAFE and code > 0
@@ -248,30 +248,30 @@ def analyse(log: Log) -> Section | None:
                 "power.failsafe",
                 f"The battery failsafe acted, first at {clock.text(acted[0][0])}",
                 tuple(Evidence("ERR", "ECode", at_ns, None, str(code)) for at_ns, code in acted[:8]),
-                "See the voltage then and what BATT_FS_LOW_ACT and BATT_FS_CRT_ACT order.",
+                "Look at the voltage then, and at BATT_FS_LOW_ACT and BATT_FS_CRT_ACT.",
             )
         )
     supplied = Section(
         "power",
         _TITLE,
-        _facts(found[0], parameters) if found else (),
+        _facts(packs[0], parameters) if packs else (),
         (*findings, *failsafes),
-        (_grid(found),) if found else (),
-        _plots(found),
+        (_grid(packs),) if packs else (),
+        _plots(packs),
         tuple(lacks),
     )
     return Section.joined("power", _TITLE, (supplied, supply))
 
 
-def _prefix(each: Battery) -> str:
-    return "BATT_" if each.number == 1 else f"BATT{each.number}_"
+def _prefix(battery: Battery) -> str:
+    return "BATT_" if battery.number == 1 else f"BATT{battery.number}_"
 
 
-def _judged(each: Battery, parameters: Mapping[str, float], clock: LogClock) -> Iterator[Finding]:
+def _judged(battery: Battery, parameters: Mapping[str, float], clock: LogClock) -> Iterator[Finding]:
     for name, severity, what in (("CRT_VOLT", Severity.CRITICAL, "critical"), ("LOW_VOLT", Severity.WARNING, "low")):
-        limit = parameters.get(_prefix(each) + name, 0.0)
-        span = _longest_under(each, limit) if limit > 0.0 else None
-        timer_s = parameters.get(_prefix(each) + "LOW_TIMER", 10.0)
+        limit = parameters.get(_prefix(battery) + name, 0.0)
+        span = _longest_under(battery, limit) if limit > 0.0 else None
+        timer_s = parameters.get(_prefix(battery) + "LOW_TIMER", 10.0)
         if span is None:
             continue
         from_ns, until_ns, least = span
@@ -280,80 +280,85 @@ def _judged(each: Battery, parameters: Mapping[str, float], clock: LogClock) -> 
         yield Finding(
             "power.low",
             Severity.NOTICE if short else severity,
-            f"{each.name} was under its {what} level of {limit:.2f} V for {length_s:.1f} s from "
+            f"{battery.name} was under its {what} level of {limit:.2f} V for {length_s:.1f} s from "
             f"{clock.text(from_ns)}, down to {least:.2f} V"
             + (f", shorter than the failsafe waits ({timer_s:.0f} s)" if short else ""),
-            (Evidence(each.message, each.voltage_field, from_ns, until_ns, f"{least:.2f} V"),),
-            "Charge or replace the battery, or lower what it has to give; check the level against its cells.",
+            (Evidence(battery.message, battery.voltage_field, from_ns, until_ns, f"{least:.2f} V"),),
+            "Charge or replace the battery, or reduce its load. Check the level against its cells.",
         )
         break
-    limit = parameters.get(_prefix(each) + "LOW_MAH", 0.0)
-    capacity = parameters.get(_prefix(each) + "CAPACITY", 0.0)
-    if each.used_mah is not None and limit > 0.0 and capacity > 0.0:
-        under = np.flatnonzero(capacity - np.nan_to_num(each.used_mah) < limit)
+    limit = parameters.get(_prefix(battery) + "LOW_MAH", 0.0)
+    capacity = parameters.get(_prefix(battery) + "CAPACITY", 0.0)
+    if battery.used_mah is not None and limit > 0.0 and capacity > 0.0:
+        under = np.flatnonzero(capacity - np.nan_to_num(battery.used_mah) < limit)
         if len(under):
-            at_ns = int(each.stamp_ns[under[0]])
+            at_ns = int(battery.stamp_ns[under[0]])
             yield Finding.warning(
                 "power.used_up",
-                f"{each.name} had less than {limit:.0f} mAh of its {capacity:.0f} mAh left from {clock.text(at_ns)} on",
-                (Evidence(each.message, "CurrTot", at_ns),),
+                f"{battery.name} had less than {limit:.0f} mAh of its {capacity:.0f} mAh left from "
+                f"{clock.text(at_ns)} on",
+                (Evidence(battery.message, "CurrTot", at_ns),),
                 "Plan shorter runs or fit a larger battery.",
             )
-    yield from _nearly_empty(each)
-    if each.healthy is not None and not each.healthy.all():
-        bad = np.flatnonzero(~each.healthy)
+    yield from _nearly_empty(battery)
+    if battery.healthy is not None and not battery.healthy.all():
+        bad = np.flatnonzero(~battery.healthy)
         yield Finding.warning(
             "power.unhealthy",
-            f"The monitor of {each.name} was unhealthy in {len(bad)} of {len(each.healthy)} rows, first at "
-            f"{clock.text(int(each.stamp_ns[bad[0]]))}",
-            tuple(Evidence(each.message, "H", a, b, "0") for a, b in spells(each.stamp_ns, ~each.healthy)),
+            f"The monitor of {battery.name} was unhealthy in {len(bad)} of {len(battery.healthy)} rows, first at "
+            f"{clock.text(int(battery.stamp_ns[bad[0]]))}",
+            tuple(Evidence(battery.message, "H", a, b, "0") for a, b in spells(battery.stamp_ns, ~battery.healthy)),
             "Check the wiring of the power module or the bus of the battery monitor.",
         )
-    yield from _falls_at_end(each)
+    yield from _falls_at_end(battery)
 
 
-def _longest_under(each: Battery, limit_v: float) -> tuple[int, int, float] | None:
+def _longest_under(battery: Battery, limit_v: float) -> tuple[int, int, float] | None:
     """Begin, end and least voltage of the longest time below a level. Rows of 0 V are not measurements."""
     with np.errstate(invalid="ignore"):
-        under = (each.voltage_v < limit_v) & (each.voltage_v > 0.0)
+        under = (battery.voltage_v < limit_v) & (battery.voltage_v > 0.0)
     if not under.any():
         return None
-    spans = zip(held_spans(each.stamp_ns, under), runs(under), strict=True)
+    spans = zip(held_spans(battery.stamp_ns, under), runs(under), strict=True)
     (from_ns, until_ns), (begin, after) = max(spans, key=lambda span: span[0][1] - span[0][0])
-    return from_ns, until_ns, float(each.voltage_v[begin:after].min())
+    return from_ns, until_ns, float(battery.voltage_v[begin:after].min())
 
 
-def _nearly_empty(each: Battery) -> Iterator[Finding]:
-    if each.remaining_percent is None:
+def _nearly_empty(battery: Battery) -> Iterator[Finding]:
+    if battery.remaining_percent is None:
         return
-    known = np.flatnonzero(np.isfinite(each.remaining_percent))
-    if not len(known) or not each.remaining_percent[known].any():
+    known = np.flatnonzero(np.isfinite(battery.remaining_percent))
+    if not len(known) or not battery.remaining_percent[known].any():
         return
-    left = float(each.remaining_percent[known[-1]])
+    left = float(battery.remaining_percent[known[-1]])
     if left >= _LOW_PERCENT:
         return
-    at_ns = int(each.stamp_ns[known[-1]])
+    at_ns = int(battery.stamp_ns[known[-1]])
     yield Finding.notice(
         "power.nearly_empty",
-        f"{each.name} had {left:.0f} % left at the end",
-        (Evidence(each.message, "RemPct", at_ns, None, f"{left:.0f} %"),),
-        "Charge it before the next run; the figure counts from what the autopilot took for full at the start.",
+        f"{battery.name} had {left:.0f} % left at the end",
+        (Evidence(battery.message, "RemPct", at_ns, None, f"{left:.0f} %"),),
+        "Charge it before the next run. The figure assumes a full battery at the start.",
     )
 
 
-def _falls_at_end(each: Battery) -> Iterator[Finding]:
+def _falls_at_end(battery: Battery) -> Iterator[Finding]:
     """A log that ends while the voltage breaks down: its writer lost power."""
-    known = np.flatnonzero(np.isfinite(each.voltage_v) & (each.voltage_v > 0.0))
+    known = np.flatnonzero(np.isfinite(battery.voltage_v) & (battery.voltage_v > 0.0))
     if len(known) < 20:
         return
-    usual, last = float(np.median(each.voltage_v[known])), float(each.voltage_v[known[-1]])
-    if usual < _NO_BATTERY_V or last > _FALL_V_SHARE * usual or each.voltage_v[known[-1]] > each.voltage_v[known[-2]]:
+    usual, last = float(np.median(battery.voltage_v[known])), float(battery.voltage_v[known[-1]])
+    if (
+        usual < _NO_BATTERY_V
+        or last > _FALL_V_SHARE * usual
+        or battery.voltage_v[known[-1]] > battery.voltage_v[known[-2]]
+    ):
         return
-    at_ns = int(each.stamp_ns[known[-1]])
+    at_ns = int(battery.stamp_ns[known[-1]])
     yield Finding.critical(
         "power.breakdown",
-        f"The log ends with {each.name} at {last:.2f} V and falling, where {usual:.2f} V are usual",
-        (Evidence(each.message, each.voltage_field, at_ns, None, f"{last:.2f} V"),),
+        f"The log ends with {battery.name} at {last:.2f} V and falling, where {usual:.2f} V are usual",
+        (Evidence(battery.message, battery.voltage_field, at_ns, None, f"{last:.2f} V"),),
         "Check connectors and the battery: the supply broke down, and the log with it.",
     )
 
@@ -377,59 +382,69 @@ def resistance_ohm(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> fl
     return -slope if slope < 0.0 else None
 
 
-def _facts(each: Battery, parameters: Mapping[str, float]) -> tuple[Fact, ...]:
-    voltage = each.voltage_v[np.isfinite(each.voltage_v) & (each.voltage_v > 0.0)]
+def _facts(battery: Battery, parameters: Mapping[str, float]) -> tuple[Fact, ...]:
+    voltage = battery.voltage_v[np.isfinite(battery.voltage_v) & (battery.voltage_v > 0.0)]
     facts = [
         Fact("voltage_first_v", "Voltage at the start", significant(float(voltage[0])), "V"),
         Fact("voltage_last_v", "Voltage at the end", significant(float(voltage[-1])), "V"),
         Fact("voltage_least_v", "Least voltage", significant(float(voltage.min())), "V"),
     ]
-    if each.current_a is not None and np.isfinite(each.current_a).any():
-        facts.append(Fact("current_most_a", "Largest current", significant(float(np.nanmax(each.current_a))), "A"))
-        facts.append(Fact("current_mean_a", "Mean current", significant(float(np.nanmean(each.current_a))), "A"))
-        estimated = resistance_ohm(each.stamp_ns, each.voltage_v, each.current_a)
+    if battery.current_a is not None and np.isfinite(battery.current_a).any():
+        facts.append(Fact("current_most_a", "Largest current", significant(float(np.nanmax(battery.current_a))), "A"))
+        facts.append(Fact("current_mean_a", "Mean current", significant(float(np.nanmean(battery.current_a))), "A"))
+        estimated = resistance_ohm(battery.stamp_ns, battery.voltage_v, battery.current_a)
         facts.append(Fact("resistance_ohm", "Resistance from sag under load", significant(estimated, 3), "Ω"))
-    used = None if each.used_mah is None else each.used_mah[np.isfinite(each.used_mah)]
+    used = None if battery.used_mah is None else battery.used_mah[np.isfinite(battery.used_mah)]
     if used is not None and len(used):
         facts.append(Fact("used_mah", "Used in this log", significant(float(used[-1] - used[0])), "mAh"))
-        facts.append(Fact("time_left_min", "Lasts, at the last minute's current", _left_min(each, parameters), "min"))
+        facts.append(
+            Fact("time_left_min", "Lasts, at the last minute's current", _left_min(battery, parameters), "min")
+        )
     return tuple(facts)
 
 
-def _left_min(each: Battery, parameters: Mapping[str, float]) -> float | None:
+def _left_min(battery: Battery, parameters: Mapping[str, float]) -> float | None:
     """Remaining minutes: capacity minus used charge, at the mean current of the last minute.
 
     None without a capacity or a current.
     """
-    capacity = parameters.get(_prefix(each) + "CAPACITY", 0.0)
-    if capacity <= 0.0 or each.used_mah is None or each.current_a is None:
+    capacity = parameters.get(_prefix(battery) + "CAPACITY", 0.0)
+    if capacity <= 0.0 or battery.used_mah is None or battery.current_a is None:
         return None
-    used = each.used_mah[np.isfinite(each.used_mah)]
-    last = each.current_a[each.stamp_ns >= each.stamp_ns.max() - int(_END_S * 1e9)]
+    used = battery.used_mah[np.isfinite(battery.used_mah)]
+    last = battery.current_a[battery.stamp_ns >= battery.stamp_ns.max() - int(_END_S * 1e9)]
     last = last[np.isfinite(last)]
     if not len(used) or not len(last) or last.mean() <= 0.01:
         return None
     return significant(max(capacity - float(used[-1]), 0.0) * 1e-3 / float(last.mean()) * 60.0, 3)
 
 
-def _grid(found: list[Battery]) -> Grid:
+def _grid(packs: list[Battery]) -> Grid:
     rows: list[tuple[Value, ...]] = []
-    for each in found:
-        voltage = each.voltage_v[np.isfinite(each.voltage_v) & (each.voltage_v > 0.0)]
+    for battery in packs:
+        voltage = battery.voltage_v[np.isfinite(battery.voltage_v) & (battery.voltage_v > 0.0)]
         remaining = (
-            None if each.remaining_percent is None else each.remaining_percent[np.isfinite(each.remaining_percent)]
+            None
+            if battery.remaining_percent is None
+            else battery.remaining_percent[np.isfinite(battery.remaining_percent)]
         )
-        current = each.current_a if each.current_a is not None and np.isfinite(each.current_a).any() else None
-        own = None if each.resistance_ohm is None else each.resistance_ohm[np.nan_to_num(each.resistance_ohm) > 0.0]
+        current = battery.current_a if battery.current_a is not None and np.isfinite(battery.current_a).any() else None
+        own = (
+            None
+            if battery.resistance_ohm is None
+            else battery.resistance_ohm[np.nan_to_num(battery.resistance_ohm) > 0.0]
+        )
         rows.append(
             (
-                each.name,
+                battery.name,
                 significant(float(voltage[0])),
                 significant(float(voltage.min())),
                 significant(float(voltage[-1])),
                 None if current is None else significant(float(np.nanmean(current))),
                 None if current is None else significant(float(np.nanmax(current))),
-                None if current is None else significant(resistance_ohm(each.stamp_ns, each.voltage_v, current), 3),
+                None
+                if current is None
+                else significant(resistance_ohm(battery.stamp_ns, battery.voltage_v, current), 3),
                 significant(float(np.median(own)), 3) if own is not None and len(own) else None,
                 significant(float(remaining[-1])) if remaining is not None and len(remaining) else None,
             )
@@ -438,10 +453,12 @@ def _grid(found: list[Battery]) -> Grid:
     return Grid("batteries", "Batteries", columns, tuple(rows))
 
 
-def _plots(found: list[Battery]) -> tuple[Plot, ...]:
-    voltages = tuple(Trace(f"{each.name} V", each.stamp_ns, each.voltage_v) for each in found[:4])
+def _plots(packs: list[Battery]) -> tuple[Plot, ...]:
+    voltages = tuple(Trace(f"{battery.name} V", battery.stamp_ns, battery.voltage_v) for battery in packs[:4])
     currents = tuple(
-        Trace(f"{each.name} A", each.stamp_ns, each.current_a) for each in found[:4] if each.current_a is not None
+        Trace(f"{battery.name} A", battery.stamp_ns, battery.current_a)
+        for battery in packs[:4]
+        if battery.current_a is not None
     )
     plots = [Plot("battery_voltage", "Battery voltage", "V", voltages)] if voltages else []
     if currents:

@@ -60,7 +60,7 @@ def analyse(log: Log) -> Section | None:
                 "px4.ends_armed",
                 "The log ends while the vehicle was armed: the supply failed, PX4 crashed, or the log was cut off",
                 (Evidence("vehicle_status", "arming_state", int(states[0][-1]), value="2"),),
-                "Look at the supply and for a fault log on the card; SDLOG_MODE decides until when PX4 logs.",
+                "Look at the supply and for a fault log on the card. SDLOG_MODE decides until when PX4 logs.",
             )
         )
     findings = [
@@ -107,13 +107,6 @@ def _span(table: Table, first: int, after: int) -> tuple[int, int]:
     return int(stamps[first]), int(stamps[min(after, len(stamps) - 1)])
 
 
-def _lasted(table: Table, first: int, after: int) -> str:
-    if after >= len(table):
-        return "to the end of the log"
-    from_ns, until_ns = _span(table, first, after)
-    return f"for {length_text((until_ns - from_ns) * 1e-9)}"
-
-
 def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
     table = px4.topic(log, "vehicle_status")
     if table is None:
@@ -123,16 +116,17 @@ def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
         from_ns, until_ns = _span(table, first, after)
         reasons = _flags_set(log, from_ns, until_ns)
         because = f" ({', '.join(reasons)})" if reasons else ""
+        lasted = f"for {length_text((until_ns - from_ns) * 1e-9)}" if after < len(table) else "to the end of the log"
         acted = any(span.from_ns <= until_ns and from_ns <= span.until_ns for span in armed)
         judge, while_text = (Finding.critical, "") if acted else (Finding.notice, " while disarmed")
         yield judge(
             "px4.failsafe",
-            f"PX4 was in failsafe{while_text} from {clock.text(from_ns)} {_lasted(table, first, after)}{because}",
+            f"PX4 was in failsafe{while_text} from {clock.text(from_ns)} {lasted}{because}",
             (
                 Evidence("vehicle_status", "failsafe", from_ns, until_ns, "1"),
                 *(Evidence("failsafe_flags", name, from_ns, until_ns, "1") for name in reasons),
             ),
-            "Find the flag that came first and its cause; COM_*_ACT and NAV_*_ACT decide what PX4 does then.",
+            "Find the flag that came first and its cause. COM_*_ACT and NAV_*_ACT decide the reaction of PX4.",
         )
 
 
@@ -145,44 +139,44 @@ def _flags_set(log: Log, from_ns: int, until_ns: int) -> list[str]:
     if table is None or not len(table):
         return []
     row = min(int(np.searchsorted(table.stamp_ns, from_ns, side="right")), len(table) - 1)
-    found = []
+    names = []
     for name in table.columns:
         flags = _true(table, name)
         if name.startswith(_NO_REASON) or not len(flags):
             continue
         if flags[max(row - 1, 0) : row + 1].any() and not flags[: max(row - 1, 1)].all():
-            found.append(name)
-    return found[:6]
+            names.append(name)
+    return names[:6]
 
 
 def _detected(log: Log, clock: LogClock) -> Iterator[Finding]:
     table = px4.topic(log, "failure_detector_status")
     if table is None:
         return
-    for field, (what, parameter) in _DETECTED.items():
+    for field, (failure, parameter) in _DETECTED.items():
         for first, after in list(runs(_true(table, field)))[:1]:
             from_ns, until_ns = _span(table, first, after)
             yield Finding.critical(
                 "px4.failure_detected",
-                f"PX4's failure detector reported {what} at {clock.text(from_ns)}",
+                f"PX4's failure detector reported {failure} at {clock.text(from_ns)}",
                 (Evidence("failure_detector_status", field, from_ns, until_ns, "1"),),
-                f"Look at attitude, outputs and supply just before; {parameter} sets when it reports.",
+                f"Look at attitude, outputs and supply just before; {parameter} sets its limit.",
             )
 
 
 def _reported(texts: list[LogText], clock: LogClock) -> Iterator[Finding]:
     by_text: dict[str, list[LogText]] = {}
-    for each in texts:
-        words = " ".join(each.text.split())
-        if each.severity is not None and (each.severity <= _ERROR or "Preflight Fail" in words):
-            by_text.setdefault(words, []).append(each)
-    for words, said in list(by_text.items())[:_MOST_FINDINGS]:
-        times = "" if len(said) == 1 else f" ({len(said)} times)"
+    for text in texts:
+        words = " ".join(text.text.split())
+        if text.severity is not None and (text.severity <= _ERROR or "Preflight Fail" in words):
+            by_text.setdefault(words, []).append(text)
+    for words, alike in list(by_text.items())[:_MOST_FINDINGS]:
+        times = "" if len(alike) == 1 else f" ({len(alike)} times)"
         yield Finding.warning(
             "px4.reported",
-            f'PX4 reported "{words}" at {clock.text(said[0].at_ns)}{times}',
-            (Evidence("logged_messages", "message", said[0].at_ns, said[-1].at_ns, words),),
-            "Look at the sensors and states that the text names, just before.",
+            f'PX4 reported "{words}" at {clock.text(alike[0].at_ns)}{times}',
+            (Evidence("logged_messages", "message", alike[0].at_ns, alike[-1].at_ns, words),),
+            "Look at the sensors and states of this text just before.",
         )
 
 
@@ -221,7 +215,9 @@ def _resets(log: Log, clock: LogClock) -> Iterator[Finding]:
         if not len(rows):
             continue
         changes = numbers(table, change_field)
-        size = None if changes is None else float(np.max(_lengths(changes[rows]))) * factor
+        size = None  # of numbers (N,) or vectors (N, k)
+        if changes is not None:
+            size = float(np.linalg.norm(changes[rows].reshape(len(rows), -1), axis=1).max()) * factor
         judge = Finding.notice if size is not None and size < small else Finding.warning
         by = "" if size is None else f", by {size:.2g} {unit}" if len(rows) == 1 else f", by {size:.2g} {unit} at most"
         stamps = table.stamp_ns[rows].tolist()
@@ -232,12 +228,6 @@ def _resets(log: Log, clock: LogClock) -> Iterator[Finding]:
             "Look at the test ratios, the compass and the receiver just before. EKF2 aligns its heading once after "
             "takeoff; other resets make the vehicle jump to its track.",
         )
-
-
-def _lengths(changes: Floats) -> Floats:
-    """(N,) lengths of numbers (N,) or vectors (N, k)."""
-    lengths: Floats = np.linalg.norm(changes.reshape(len(changes), -1), axis=1)
-    return lengths
 
 
 def _clipping(log: Log, clock: LogClock) -> Iterator[Finding]:
@@ -257,7 +247,7 @@ def _clipping(log: Log, clock: LogClock) -> Iterator[Finding]:
             "px4.accel_clipping",
             f"The accelerometer of {name} clipped {grown.sum():.0f} samples, first at {clock.text(at_ns)}",
             (Evidence(name, "accel_clipping", at_ns),),
-            "Look for an impact, else damp the mounting: vibration goes beyond the range of the sensor.",
+            "Look for an impact. Otherwise, damp the mounting: vibration exceeds the range of the sensor.",
         )
 
 
@@ -279,7 +269,7 @@ def _battery(log: Log, clock: LogClock) -> Iterator[Finding]:
             "px4.battery",
             f"PX4 reported the battery as {_BATTERY.get(worst, f'warning {worst}')} at {clock.text(at_ns)}{told}",
             (Evidence(name, "warning", at_ns, value=str(worst)),),
-            "Compare with BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR; COM_LOW_BAT_ACT decides what follows.",
+            "Compare with BAT_LOW_THR, BAT_CRIT_THR and BAT_EMERGEN_THR. COM_LOW_BAT_ACT decides the reaction.",
         )
 
 
@@ -311,5 +301,5 @@ def _dropouts(log: Log) -> Iterator[Finding]:
         f"The logger lost data {plural(len(lost), 'time')}, {1e-3 * lost.sum():.3g} s in all and {lost.max():.0f} ms "
         "at most",
         (Evidence("dropouts", "duration", int(table.stamp_ns[0]), int(table.stamp_ns[-1])),),
-        "Use a faster card or log less (SDLOG_PROFILE); gaps here need not be gaps in the vehicle.",
+        "Use a faster card or log less (SDLOG_PROFILE). A gap here need not be one in the vehicle.",
     )

@@ -33,7 +33,9 @@ def input_section(
     log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float], clock: LogClock
 ) -> Section:
     held = _held(channels, clock) if channels else ()
-    lacks = [] if channels else ["No remote control input is logged; none is connected, or the bit RCIN is not set."]
+    lacks = []
+    if not channels:
+        lacks.append("No remote control input is logged: none is connected, or the bit RCIN of LOG_BITMASK is not set.")
     # Plots of the channels that move.
     traces = [
         Trace(f"channel {channel}", each.stamp_ns, each.values, "steps")
@@ -87,9 +89,9 @@ def _failsafe(
         if lost.all():
             yield Finding.notice(
                 "radio.none",
-                "No remote control was heard in this log",
+                "No remote control was received in this log",
                 (Evidence(message, field, spans[0][0], spans[0][1]),),
-                "As intended without a transmitter; else switch it on and check the receiver.",
+                "This is normal without a transmitter. Otherwise, switch it on and check the receiver.",
             )
             return
         times = listed([f"{clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
@@ -99,7 +101,7 @@ def _failsafe(
             f"Remote control was lost {'once' if len(spans) == 1 else f'{len(spans)} times'}: at {times}"
             + ("" if sailing.any() else ", only while disarmed"),
             tuple(Evidence(message, field, a, b) for a, b in spans[:8]),
-            "Check range, antennas and FS_THR_VALUE; see in the modes what the failsafe did.",
+            "Check range, antennas and FS_THR_VALUE. The modes section shows the reaction of the failsafe.",
         )
         return
     return
@@ -142,9 +144,9 @@ def _held(channels: Mapping[int, Series], clock: LogClock) -> Iterator[Finding]:
     times = listed([f"from {clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
     yield Finding.notice(
         "radio.held",
-        f"All channels of the remote control stood still {times}, though they tremble otherwise",
+        f"All channels of the remote control were constant {times}, but they have noise at other times",
         tuple(Evidence(message, None, a, b) for a, b in spans[:8]),
-        "A receiver set to hold hides a lost link: set it to send no pulses, so that the failsafe sees it.",
+        "A receiver that holds its last values hides a lost link. Set it to send no pulses, so that the failsafe acts.",
     )
 
 
@@ -247,7 +249,7 @@ def _saturated(output: OutputChannel, clock: LogClock) -> Iterator[Finding]:
         f"{'armed time' if output.arming_known else 'time'}, longest from "
         f"{clock.text(from_ns)} for {longest_s:.1f} s",
         (Evidence(message, field, from_ns, until_ns),),
-        "Ask for less speed or turn, or find what holds the vessel: a saturated output no longer controls.",
+        "Demand less speed or turn rate, or find the resistance. A saturated output no longer controls.",
     )
 
 
@@ -261,9 +263,9 @@ def _swinging(output: OutputChannel) -> Iterator[Finding]:
     yield Finding.notice(
         "radio.oscillation",
         f"{output.name} swings to and fro {reversals / 2.0:.1f} times a second by more than "
-        f"{100.0 * _SWING:.0f} % of its way",
+        f"{100.0 * _SWING:.0f} % of its range",
         (Evidence(message, field, int(stamps[0]), int(stamps[-1])),),
-        "Lower the gains of the loop behind it, or filter what it follows.",
+        "Lower the gains of its control loop, or filter its setpoint.",
     )
 
 
@@ -318,7 +320,7 @@ def _uneven(found: list[OutputChannel]) -> Iterator[Finding]:
         "radio.uneven",
         f"{port.name} worked at {100.0 * left:.0f} % and {starboard.name} at {100.0 * right:.0f} % on average",
         (Evidence(message, field, int(stamps[0]), int(stamps[-1])),),
-        "Wind or current from one side does that, and so does a fouled or weaker propeller: compare another run.",
+        "Wind or current from one side causes this, and so does a fouled or weaker propeller. Compare another run.",
     )
 
 
@@ -350,7 +352,7 @@ def _too_slow(log: Log, found: list[OutputChannel], clock: LogClock) -> Iterator
     lag = float(np.nanmean(np.abs(wanted[worst[2] : worst[3]]) - np.abs(speed[worst[2] : worst[3]])))
     yield Finding.warning(
         "radio.too_slow",
-        f"At full throttle the vessel stayed {lag:.1f} m/s under the speed asked for, longest from "
+        f"At full throttle the vessel stayed {lag:.1f} m/s below the demanded speed, longest from "
         f"{clock.text(worst[0])} for {(worst[1] - worst[0]) * 1e-9:.1f} s",
         tuple(Evidence("THR", "DesSpeed", a, b) for a, b, _, _ in long[:8]),
         "Set WP_SPEED and CRUISE_SPEED to what it reaches in this current, or look at hull and propellers.",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from xitl_cli.logs.model.log import Log
@@ -48,8 +46,8 @@ def analyse(log: Log) -> Section | None:
             "real_time.not_kept",
             not_real_time(shortfalls),
             tuple(evidence),
-            "Take none of its timing for that of the real thing: run it on a machine with less to do, with a "
-            "PREEMPT_RT kernel or a lower clock.physics_rate_hz, or in lockstep (`xitl doctor` looks at the machine).",
+            "Do not use its timing as that of a real system. Run it on a machine with less load, with a "
+            "PREEMPT_RT kernel or a lower clock.physics_rate_hz, or in lockstep (`xitl doctor` checks the machine).",
         )
     else:
         finding = Finding.ok("real_time.kept", "The run kept real time")
@@ -64,7 +62,7 @@ def analyse(log: Log) -> Section | None:
     facts.append(Fact("stalls", "Stalls of more than 40 ms", figures.stalls))
     facts.append(Fact("stalled_s", "In all", rounded(figures.stalled_s), "s"))
     facts.append(Fact("longest_stall_s", "The longest", rounded(figures.longest_stall_s), "s"))
-    facts.append(Fact("slipped_s", "Behind the wall clock and not made up", rounded(figures.slipped_s), "s"))
+    facts.append(Fact("slipped_s", "Behind the wall clock, not caught up", rounded(figures.slipped_s), "s"))
     return Section("real_time", "Real time", tuple(facts), (finding,))
 
 
@@ -86,6 +84,11 @@ def measured(log: Log) -> RealTimeFigures | None:
             losses.append(
                 LinkLosses(name, sent, max(round(_last(table, "lost", row) - _last(table, "impaired", row)), 0))
             )
+    clocks = log.tables.get(CLOCKS)
+    clock_steps: list[tuple[str, int]] = []
+    if clocks is not None and not spared:
+        steps = {name: round(_last(clocks, "steps", row)) for name, row in _rows_of(clocks, "node").items()}
+        clock_steps = [(name, many) for name, many in steps.items() if many and name != HOST]
     return RealTimeFigures(
         length_s=_wall_s(log),
         physics=worst([task for node, task in tasks if node == HOST]),
@@ -95,7 +98,7 @@ def measured(log: Log) -> RealTimeFigures | None:
         stalled_s=_last(pace, "stalled_s"),
         longest_stall_s=_last(pace, "longest_stall_s"),
         slipped_s=_last(pace, "slipped_s"),
-        clock_steps=() if spared else tuple(_steps(log.tables.get(CLOCKS))),
+        clock_steps=tuple(clock_steps),
     )
 
 
@@ -123,14 +126,6 @@ def _rows_of(table: Table | None, key: str) -> dict[str, int]:
     if table is None or key not in table.columns:
         return {}
     return {str(name): row for row, name in enumerate(table.values(key).tolist())}
-
-
-def _steps(table: Table | None) -> Iterator[tuple[str, int]]:
-    for name, row in _rows_of(table, "node").items():
-        assert table is not None
-        steps = round(_last(table, "steps", row))
-        if steps and name != HOST:
-            yield name, steps
 
 
 def _percent(share: float) -> float | None:

@@ -145,9 +145,9 @@ def long_loop_section(log: Log, windows: LoopWindows, happened: Sequence[Moment]
 def _no_evidence(windows: LoopWindows, why: str) -> Finding:
     return Finding.notice(
         "scheduler.simulated_clock",
-        f"PM tells nothing of processor time: {why}, and the time between loops is that of the simulated clock",
+        f"PM shows no processor time: {why}, and the time between loops is that of the simulated clock",
         (Evidence("PM", windows.field("longest_us") if "longest_us" in dict(windows.names) else None),),
-        "Judge load and long loops on a log of a board, or of the Linux build in real time.",
+        "Judge load and long loops with a log of a board, or of the Linux build in real time.",
     )
 
 
@@ -195,15 +195,17 @@ def _whole_max(values: Floats) -> int | None:
 
 
 def _findings(
-    log: Log, windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, clock: LogClock
+    log: Log, windows: LoopWindows, long_windows: list[LongLoopWindow], period_s: float | None, clock: LogClock
 ) -> Iterator[Finding]:
-    yield from _long(windows, found, clock)
+    yield from _long(windows, long_windows, clock)
     # One finding for the longest loop while armed and one while disarmed, if they are long at all.
     for armed in (True, False):
-        rows = [one for one in found if one.armed == armed and np.isfinite(windows.longest_us[one.row])]
+        rows = [
+            window for window in long_windows if window.armed == armed and np.isfinite(windows.longest_us[window.row])
+        ]
         if not rows or period_s is None:
             continue
-        worst = max(rows, key=lambda one: float(windows.longest_us[one.row]))
+        worst = max(rows, key=lambda window: float(windows.longest_us[window.row]))
         longest_s = float(windows.longest_us[worst.row]) * 1e-6
         if longest_s < LONG_PERIODS * period_s:
             continue
@@ -217,11 +219,11 @@ def _findings(
             f"One loop took {1e3 * longest_s:.0f} ms, {longest_s / period_s:.0f} periods, "
             f"{'armed' if armed else 'not armed'}, {when}, with: {worst.happened}",
             (Evidence("PM", windows.field("longest_us"), begin, end, f"{1e6 * longest_s:.0f} us"),),
-            "Look at the time bases for why the clock stepped; the loop itself kept its time."
+            "See in the time bases why the clock stepped. The loop itself was on time."
             if worst.leapt
-            else "The controllers stood still for so long: look for what was written, opened or started then."
+            else "The controllers stopped for this time. Look for files or programs that were opened or started then."
             if armed
-            else "Harmless where it comes once at the start; see that it does not come again when armed.",
+            else "This is harmless once at the start. Check that it does not occur while armed.",
         )
     yield from _load(windows, clock)
     yield from _rate(log, windows)
@@ -239,7 +241,7 @@ def _findings(
     )
 
 
-def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) -> Iterator[Finding]:
+def _long(windows: LoopWindows, long_windows: list[LongLoopWindow], clock: LogClock) -> Iterator[Finding]:
     total, long = _sum(windows.loops), _sum(windows.long_loops)
     if not total or not long:
         return
@@ -250,7 +252,7 @@ def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
     severity = Severity.NOTICE
     if ratio > MISS_WARNING or by_window[worst] > WINDOW_WARNING:
         severity = Severity.CRITICAL if ratio > MISS_CRITICAL else Severity.WARNING
-    beside = next((one.happened for one in found if one.row == worst), "")
+    beside = next((window.happened for window in long_windows if window.row == worst), "")
     at = f"{clock.text(int(windows.from_ns[worst]))} to {clock.text(int(windows.until_ns[worst]))}"
     yield Finding(
         "scheduler.long_loops",
@@ -261,13 +263,13 @@ def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
             Evidence(
                 "PM",
                 windows.field("long_loops"),
-                int(windows.from_ns[one.row]),
-                int(windows.until_ns[one.row]),
-                f"{windows.long_loops[one.row]:.0f} of {windows.loops[one.row]:.0f}",
+                int(windows.from_ns[window.row]),
+                int(windows.until_ns[window.row]),
+                f"{windows.long_loops[window.row]:.0f} of {windows.loops[window.row]:.0f}",
             )
-            for one in found[:10]
+            for window in long_windows[:10]
         ),
-        "Look what comes together with them below; take load off (LOG_BITMASK, SCHED_LOOP_RATE, notch filters, "
+        "See below which events coincide with them. Reduce the load (LOG_BITMASK, SCHED_LOOP_RATE, notch filters, "
         "scripts) or give the process a real-time priority.",
     )
 
@@ -284,17 +286,17 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
         yield Finding.warning(
             "scheduler.load_saturated",
             f"Load was at 100 % in {len(full)} of {int(known.sum())} windows, first at {clock.text(at_ns)}: the "
-            "loop rate fell under 95 % of what it should be",
+            "loop rate fell under 95 % of its target",
             tuple(
                 Evidence("PM", windows.field("load_percent"), a, b)
                 for a, b in _window_spells(windows, known & (load > SATURATED_PERCENT))
             ),
-            "Lower SCHED_LOOP_RATE or what the autopilot has to do (LOG_BITMASK, filters, scripts).",
+            "Lower SCHED_LOOP_RATE or the load of the autopilot (LOG_BITMASK, filters, scripts).",
         )
         return
     if mean > LOAD_WARNING_PERCENT:
         evidence = Evidence("PM", windows.field("load_percent"), value=f"{mean:.1f} %")
-        step = "Lower SCHED_LOOP_RATE or what the autopilot has to do before something is added."
+        step = "Lower SCHED_LOOP_RATE or the load of the autopilot before you add something."
         yield Finding.warning("scheduler.load", f"The processor was {mean:.0f} % busy", (evidence,), step)
         return
     return
@@ -315,39 +317,39 @@ def _rate(log: Log, windows: LoopWindows) -> Iterator[Finding]:
         "scheduler.loop_rate",
         f"The main loop ran at {reached_hz:.0f} Hz where SCHED_LOOP_RATE asks for {wanted_hz:.0f} Hz",
         (Evidence("PM", windows.field("rate_hz"), value=f"{reached_hz:.0f} Hz"),),
-        "Lower SCHED_LOOP_RATE to what this board reaches: gains and filters count on it.",
+        "Lower SCHED_LOOP_RATE to the rate that this board reaches: gains and filters depend on it.",
     )
 
 
-def _grid(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) -> Grid:
+def _grid(windows: LoopWindows, long: list[LongLoopWindow], clock: LogClock) -> Grid:
     rows: list[tuple[Value, ...]] = []
-    for one in found:
-        begin, end = one.placed or (int(windows.from_ns[one.row]), int(windows.until_ns[one.row]))
+    for window in long:
+        begin, end = window.placed or (int(windows.from_ns[window.row]), int(windows.until_ns[window.row]))
         rows.append(
             (
-                clock.second(int(windows.until_ns[one.row])),
-                rounded(windows.long_loops[one.row], 0),
-                rounded(windows.loops[one.row], 0),
-                rounded(windows.longest_us[one.row], 0),
-                clock.second(begin) if one.placed else None,
-                clock.second(end) if one.placed else None,
-                "yes" if one.armed else "no",
-                one.happened,
+                clock.second(int(windows.until_ns[window.row])),
+                rounded(windows.long_loops[window.row], 0),
+                rounded(windows.loops[window.row], 0),
+                rounded(windows.longest_us[window.row], 0),
+                clock.second(begin) if window.placed else None,
+                clock.second(end) if window.placed else None,
+                "yes" if window.armed else "no",
+                window.happened,
             )
         )
     columns = ("window until (s)", "long", "loops", "longest (us)", "from (s)", "until (s)", "armed", "with")
-    return Grid.limited("long_loops", "Windows with long loops, and what else happened then", columns, rows)
+    return Grid.limited("long_loops", "Windows with long loops, and coincident events", columns, rows)
 
 
-def _plots(windows: LoopWindows, found: list[LongLoopWindow]) -> tuple[Plot, ...]:
+def _plots(windows: LoopWindows, long: list[LongLoopWindow]) -> tuple[Plot, ...]:
     marks = tuple(
         Mark(
-            (one.placed or (int(windows.from_ns[one.row]),))[0],
-            one.happened[:80],
-            (one.placed or (0, int(windows.until_ns[one.row])))[1],
-            Severity.WARNING if one.armed else Severity.NOTICE,
+            (window.placed or (int(windows.from_ns[window.row]),))[0],
+            window.happened[:80],
+            (window.placed or (0, int(windows.until_ns[window.row])))[1],
+            Severity.WARNING if window.armed else Severity.NOTICE,
         )
-        for one in found[:MOST_LOOP_MARKS]
+        for window in long[:MOST_LOOP_MARKS]
     )
     plots = []
     for key, title, label, parts in (
@@ -399,7 +401,7 @@ def missed_section(
                 "scheduler.deadlines_missed",
                 f"{len(rows)} deadlines of {', '.join(unlisted)} were missed, the first at {clock.text(at_ns)}",
                 (Evidence(misses.message, None, at_ns, int(misses.end_ns[rows[-1]])),),
-                "How many cycles there were is not logged; compare with the rate of the task.",
+                "The number of cycles is not logged. Compare with the rate of the task.",
             )
         )
     listed = 0 if misses is None else len(misses)
@@ -407,7 +409,7 @@ def missed_section(
     facts = (
         Fact("tasks", "Periodic tasks", len(tasks)),
         Fact("deadlines_missed", "Deadlines missed", counted if tasks else listed),
-        Fact("cycles_skipped", "of those, cycles that never ran", sum(task.skipped for task in tasks)),
+        Fact("cycles_skipped", "Of these, cycles that never ran", sum(task.skipped for task in tasks)),
         Fact("misses_listed", "Misses logged one by one", listed),
     )
     return Section(
@@ -445,7 +447,12 @@ def _finding(
     for row in rows:
         if misses is not None and by_step[row]:
             leapt[misses.task[row]] += int(misses.skipped[row])
-    severity = max(_severity(task, max(task.missed - leapt[task.name], 0)) for task in tasks)
+    severity = Severity.NOTICE
+    for task in tasks:
+        own_missed = max(task.missed - leapt[task.name], 0)
+        ratio = own_missed / max(task.cycles + task.skipped, 1)
+        if ratio > RATIO_WARNING and own_missed > FEW:
+            severity = max(severity, Severity.CRITICAL if ratio > RATIO_CRITICAL else Severity.WARNING)
     missed, due = sum(task.missed for task in tasks), sum(task.cycles + task.skipped for task in tasks)
     by_clock = min(sum(leapt.values()), missed)
     each = ", ".join(f"{task.task} {task.missed} of {task.cycles + task.skipped}" for task in tasks)
@@ -470,19 +477,12 @@ def _finding(
         evidence += tuple(
             Evidence(misses.message, field, int(misses.due_ns[row]), int(misses.end_ns[row])) for row in own[:10]
         )
-    step = "Give the agent a real-time priority and a processor of its own, or take load off that machine."
+    step = "Give the agent a real-time priority and its own processor, or reduce the load of that machine."
     if node == "PS1":
-        step = "The host was late with its own steps: close other programs on it, or lower clock.physics_rate_hz."
+        step = "The host was late with its steps. Close other programs on it, or lower clock.physics_rate_hz."
     if by_clock == missed:
-        step = "Look at the time bases for why the clock stepped; the tasks themselves kept their time."
+        step = "See in the time bases why the clock stepped. The tasks themselves were on time."
     return Finding("scheduler.deadlines_missed", severity, sentence, evidence, step)
-
-
-def _severity(task: TaskTotal, missed: int) -> Severity:
-    ratio = missed / max(task.cycles + task.skipped, 1)
-    if ratio <= RATIO_WARNING or missed <= FEW:
-        return Severity.NOTICE
-    return Severity.CRITICAL if ratio > RATIO_CRITICAL else Severity.WARNING
 
 
 def _ms(seconds: float) -> str:
@@ -505,7 +505,7 @@ def _missed_grid(misses: MissedDeadlines, happened: Sequence[Moment], clock: Log
             )
         )
     columns = ("due (s)", "task", "late (ms)", "ran (ms)", "skipped", "with")
-    return Grid.limited("misses", "Deadlines missed, and what else happened then", columns, rows)
+    return Grid.limited("misses", "Missed deadlines, and coincident events", columns, rows)
 
 
 def _missed_plots(misses: MissedDeadlines, by_step: Flags) -> tuple[Plot, ...]:
@@ -523,7 +523,7 @@ def _missed_plots(misses: MissedDeadlines, by_step: Flags) -> tuple[Plot, ...]:
 
 
 _STILL = "The run was in lockstep: time stands still while a task runs, so no deadline could be missed."
-_NO_PM = "The log has no PM: set bit 3 of LOG_BITMASK (PM) to log how the main loop kept its time."
+_NO_PM = "The log has no PM: set bit 3 of LOG_BITMASK (PM) to log the timing of the main loop."
 
 
 def analyse(log: Log) -> Section | None:
@@ -536,7 +536,13 @@ def analyse(log: Log) -> Section | None:
             return None
         return Section("scheduler", "Scheduler", lacks=(_NO_PM,))
     steps = clock_steps(log)
-    happened = [*moments(log), *(_moment(step) for step in steps)]
+    leaps = [
+        Moment(
+            step.at_ns - round(step.size_s * 1e9), step.at_ns, "clock", f"its clock leapt {step.size_s:.3f} s ahead", ""
+        )
+        for step in steps
+    ]
+    happened = [*moments(log), *leaps]
     clock = LogClock(log)
     parts: list[Section] = []
     if tasks and clock_stood_still(tasks):
@@ -563,8 +569,3 @@ def clock_steps(log: Log) -> list[ClockStep]:
         for step in relation.steps
         if step.size_s > 0.0
     ]
-
-
-def _moment(step: ClockStep) -> Moment:
-    begin = step.at_ns - round(step.size_s * 1e9)
-    return Moment(begin, step.at_ns, "clock", f"its clock leapt {step.size_s:.3f} s ahead", "")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.frames import quat_multiply, quat_normalize, quat_to_matrix
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding
@@ -75,41 +76,37 @@ class SensorStep:
 def departure_findings(log: Log, clock: LogClock) -> tuple[Finding, ...]:
     units = inertial_units(log) or injected_units(log)
     plain = sensor_series(log) or injected_series(log)
-    usable = [each for each in units if each.gyro_radps is not None and _gyro_usable(each)]
-    unit = next(iter(usable), None)
+    usable = [unit for unit in units if unit.gyro_radps is not None and 100 <= len(unit.stamp_ns) <= _MOST_ROWS]
     end_ns = log.span_ns[1] if log.span_ns else 0
     findings: list[Finding] = []
     compasses = [
-        each for each in plain if each.sort == "magnetometer" and each.calibrated and each.values.shape[1] == 3
+        sensor
+        for sensor in plain
+        if sensor.sort == "magnetometer" and sensor.calibrated and sensor.values.shape[1] == 3
     ]
-    steps: list[SensorStep] = []
-    for place, compass in enumerate(compasses if unit is not None else ()):
-        mine = _unexplained(usable[:_MOST_UNITS], compass)
-        steps = mine if place == 0 else steps
-        findings += [_of_field(log, compass, step, clock, end_ns) for step in mine]
-        error = field_error(usable[0], compass, _drive(log, compass.stamp_ns), mine)
+    motors = [output for output in driven_outputs(log, parameter_values(log)) if output.drives]
+    squares = [make_series(motor.series.stamp_ns, motor.command**2, "", motor.name) for motor in motors]
+    first_steps: list[SensorStep] = []
+    for place, compass in enumerate(compasses if usable else ()):
+        steps = _unexplained(usable[:_MOST_UNITS], compass)
+        first_steps = steps if place == 0 else first_steps
+        findings += [_of_field(log, compass, step, clock, end_ns) for step in steps]
+        # The current of the motors is about a multiple of the mean square of their commands.
+        drives = [series.interpolated(compass.stamp_ns) for series in squares if series is not None]
+        error = field_error(usable[0], compass, np.mean(drives, axis=0) if drives else None, steps)
         findings += [] if error is None else _of_field_error(compass, error)
     kind = vehicle_kind(log)
-    for baro in (each for each in plain if each.sort == "barometer" and each.unit == "Pa"):
-        least_pa = PRESSURE_STEP_PA.get(kind) or _PRESSURE_STEP_PA * _window_stretch(baro)
+    for baro in (sensor for sensor in plain if sensor.sort == "barometer" and sensor.unit == "Pa"):
+        # A slow barometer needs a longer window for a step, in which a vehicle that flies changes its height.
+        window_s = _FEWEST_IN_WINDOW * float(np.median(np.diff(baro.stamp_ns))) * 1e-9
+        least_pa = PRESSURE_STEP_PA.get(kind) or _PRESSURE_STEP_PA * max(window_s / _STEP_WINDOW_S, 1.0)
         findings += [_of_pressure(baro, step, clock, end_ns) for step in pressure_steps(baro, least_pa)]
-    angles = roll(log), pitch(log)
-    if unit is not None and angles[0] is not None and angles[1] is not None:
-        first = next(iter(compasses), None)
-        for step in gyro_steps(unit, angles[0], angles[1], first, steps):
-            findings.append(_of_gyro(unit, step, clock, end_ns))
+    roll_deg, pitch_deg = roll(log), pitch(log)
+    if usable and roll_deg is not None and pitch_deg is not None:
+        first = compasses[0] if compasses else None
+        for step in gyro_steps(usable[0], roll_deg, pitch_deg, first, first_steps):
+            findings.append(_of_gyro(usable[0], step, clock, end_ns))
     return tuple(findings)
-
-
-def _window_stretch(baro: SensorSeries) -> float:
-    """Length of the window of a step over its usual length. A slow barometer needs a longer one, in which a vehicle
-    that flies changes its height."""
-    period_s = float(np.median(np.diff(baro.stamp_ns))) * 1e-9
-    return max(_FEWEST_IN_WINDOW * period_s / _STEP_WINDOW_S, 1.0)
-
-
-def _gyro_usable(unit: InertialUnit) -> bool:
-    return 100 <= len(unit.stamp_ns) <= _MOST_ROWS
 
 
 def _of_field(log: Log, compass: SensorSeries, step: SensorStep, clock: LogClock, end_ns: int) -> Finding:
@@ -164,14 +161,6 @@ def _of_field_error(compass: SensorSeries, error: FieldError) -> list[Finding]:
         for key, size, when, step in parts
         if size.any()
     ]
-
-
-def _drive(log: Log, at_ns: Stamps) -> Floats | None:
-    """(N,) mean square of the commands of the motors, of which the current is about a multiple."""
-    motors = [each for each in driven_outputs(log, parameter_values(log)) if each.drives]
-    known = [make_series(each.series.stamp_ns, each.command**2, "", each.name) for each in motors]
-    values = [each.interpolated(at_ns) for each in known if each is not None]
-    return np.mean(values, axis=0) if values else None
 
 
 def _of_pressure(baro: SensorSeries, step: SensorStep, clock: LogClock, end_ns: int) -> Finding:
@@ -318,15 +307,13 @@ def field_error(
     spread = np.sqrt(variance * np.diag(inverse)) / norms
     solved = solved / norms
     span_s = float(time_s[-1])
-    sizes = [_sure(solved[at : at + 2], spread[at : at + 2], scale) for at, scale in ((0, 1.0), (2, span_s), (4, 1.0))]
+    sizes = []
+    for at, scale in ((0, 1.0), (2, span_s), (4, 1.0)):
+        size = solved[at : at + 2]
+        length = float(np.linalg.norm(size))
+        sure = length * scale > LEAST_FIELD_MGAUSS and length > _SPREADS * float(np.linalg.norm(spread[at : at + 2]))
+        sizes.append(size if sure else np.zeros_like(size))
     return FieldError(*sizes)
-
-
-def _sure(size: Floats, spread: Floats, scale: float) -> Floats:
-    """The size, or zeros if it is small or uncertain."""
-    length = float(np.linalg.norm(size))
-    sure = length * scale > LEAST_FIELD_MGAUSS and length > _SPREADS * float(np.linalg.norm(spread))
-    return size if sure else np.zeros_like(size)
 
 
 def pressure_steps(baro: SensorSeries, least_pa: float) -> list[SensorStep]:
@@ -426,26 +413,9 @@ def _rotations(unit: InertialUnit) -> tuple[Stamps, Floats] | None:
     turn = np.concatenate([np.cos(0.5 * size), angle * scale], axis=1)
     reach = 1
     while reach < len(turn):  # products from the start to each row, by doubling
-        turn = np.concatenate([turn[:reach], _product(turn[:-reach], turn[reach:])])
+        turn = np.concatenate([turn[:reach], quat_multiply(turn[:-reach], turn[reach:])])
         reach *= 2
-    return stamp_ns, _matrices(turn / np.linalg.norm(turn, axis=1, keepdims=True))
-
-
-def _product(one: Floats, other: Floats) -> Floats:
-    """Product of quaternions (N, 4), scalar first."""
-    scalar = one[:, 0] * other[:, 0] - np.sum(one[:, 1:] * other[:, 1:], axis=1)
-    vector = one[:, :1] * other[:, 1:] + other[:, :1] * one[:, 1:] + np.cross(one[:, 1:], other[:, 1:])
-    return np.concatenate([scalar[:, None], vector], axis=1)
-
-
-def _matrices(turn: Floats) -> Floats:
-    w, x, y, z = turn.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return stamp_ns, quat_to_matrix(quat_normalize(turn))
 
 
 def gyro_steps(

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
+from xitl_cli.logs.clocks.fit import clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.signals import Series, StateSpan, ground_speed, yaw_rate
 from xitl_cli.logs.signals import armed as log_armed
 from xitl_cli.logs.signals.gaps import Gap, Gaps, Regularity, gaps, regularity
@@ -91,7 +92,7 @@ _MANY = 20
 _LEAPT = 0.8
 _RATE_APART = 0.05
 _GAP_STEP = (
-    "Compare with the links and the scheduler at that time; if the sensor itself fell out, check its bus and supply."
+    "Compare with the links and the scheduler at that time; if the sensor itself failed, check its bus and supply."
 )
 
 
@@ -116,8 +117,7 @@ def timing_section(found: list[JudgedSensor], clock: LogClock, *, telemetry: boo
                     for sensor in jumped[:4]
                     for jump in sensor.clock_jumps[:4]
                 ),
-                "Take times across it from the log's own stamps; a clock is set by a restart, by GPS or by a "
-                "ground station.",
+                "Use the log's own stamps for times across it. A restart, GPS or a ground station sets a clock.",
             )
         )
     findings = (
@@ -138,7 +138,7 @@ def _stamp_findings(sensor: JudgedSensor, telemetry: bool) -> Iterator[Finding]:
             "sensors.time_backward",
             f"{sensor.name}: {regular.backward} stamps go back, by up to {regular.back_s:.3g} s",
             (Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[0]), int(sensor.stamp_ns[-1])),),
-            "Look for a clock that was set during the run, or a damaged part of the log.",
+            "Look for a clock that was set during the run, or for a damaged part of the log.",
         )
 
 
@@ -162,7 +162,17 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
     """One finding for all noticeable pauses of the whole log."""
     long = pause[(pause[:, 1] - pause[:, 0]) >= int(_LONG_S * 1e9)]
     leapt = [step for relation in clock_relations(log) for step in relation.steps if step.size_s >= _LONG_S]
-    long = long[[not any(_is_leap(begin, end, step) for step in leapt) for begin, end in long.tolist()]]
+    # A clock that jumped makes no pause.
+    long = long[
+        [
+            not any(
+                begin_ns <= step.at_ns <= end_ns + round(_LONG_S * 1e9)
+                and step.size_s > _LEAPT * (end_ns - begin_ns) * 1e-9
+                for step in leapt
+            )
+            for begin_ns, end_ns in long.tolist()
+        ]
+    ]
     long = long[~switched_off(log, long)]
     lengths_s = (long[:, 1] - long[:, 0]) * 1e-9
     whole_s = 0.0 if log.span_ns is None else (log.span_ns[1] - log.span_ns[0]) * 1e-9
@@ -179,7 +189,7 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
         "logged",
         (
             "Look at DSF.Dp and the storage (a card that is slow or full), at logging that was stopped, and at the "
-            "scheduler: the processor may have stood still."
+            "scheduler: the processor may have stopped."
         ),
     )
     if log.format == "tlog":
@@ -188,7 +198,7 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
         Finding(
             "sensors.recording_pauses",
             Severity.WARNING if sailing and lengths_s.max() >= 1.0 else Severity.NOTICE,
-            f"Nothing at all was {verb} for {lengths_s.sum():.2f} s in {len(long)} {noun}: at {times}",
+            f"Nothing was {verb} for {lengths_s.sum():.2f} s in {len(long)} {noun}: at {times}",
             tuple(Evidence("all messages", None, int(a), int(b)) for a, b in long[:8]),
             step,
         ),
@@ -224,41 +234,42 @@ def switched_off(log: Log, pause: Stamps) -> Flags:
 def _long_gaps(sensor: JudgedSensor) -> tuple[Gap, ...]:
     """Gaps far longer than the period, in order of time."""
     least_s = max(_LONG_S, 5.0 * sensor.regularity.period_s)
-    return tuple(sorted((gap for gap in sensor.gaps.longest(100) if gap.duration_s > least_s), key=_gap_begin))
+    return tuple(
+        sorted((gap for gap in sensor.gaps.longest(100) if gap.duration_s > least_s), key=lambda gap: gap.from_ns)
+    )
 
 
-def _gaps(found: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
+def _gaps(sensors: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
     """One finding for sensors that are missing at the same times, because none of them is the cause."""
     groups: list[tuple[list[JudgedSensor], tuple[Gap, ...]]] = []
-    for sensor in found:
+    for sensor in sensors:
         if not (long := _long_gaps(sensor)):
             continue
-        for group, theirs in groups:
-            if len(theirs) == len(long) and all(map(_same, theirs, long)):
+        for group, common in groups:
+            if len(common) == len(long) and all(
+                abs(gap.from_ns - own.from_ns) < _SAME_NS and abs(gap.until_ns - own.until_ns) < _SAME_NS
+                for gap, own in zip(common, long, strict=True)
+            ):
                 group.append(sensor)
                 break
         else:
             groups.append(([sensor], long))
-    yield from (_gap(group, theirs, clock) for group, theirs in groups)
-
-
-def _gap(group: Sequence[JudgedSensor], long: Sequence[Gap], clock: LogClock) -> Finding:
-    *names, last = (sensor.name for sensor in group)
-    who = f"{', '.join(names)} and {last} are missing together" if names else f"{last} is missing"
-    noun = "gap" if len(long) == 1 else "gaps"
-    times = listed([f"{clock.text(gap.from_ns)} for {gap.duration_s:.2f} s" for gap in long])
-    lengths_s = [gap.duration_s for gap in long]
-    return Finding(
-        "sensors.gap",
-        Severity.WARNING if max(lengths_s) >= 1.0 else Severity.NOTICE,
-        f"{who} for {sum(lengths_s):.2f} s in {len(long)} {noun}: at {times}",
-        tuple(Evidence(one.message, one.field, gap.from_ns, gap.until_ns) for one in group for gap in long[:8]),
-        _GAP_STEP,
-    )
-
-
-def _same(one: Gap, other: Gap) -> bool:
-    return abs(one.from_ns - other.from_ns) < _SAME_NS and abs(one.until_ns - other.until_ns) < _SAME_NS
+    for group, common in groups:
+        *names, last = (sensor.name for sensor in group)
+        who = f"{', '.join(names)} and {last} are missing together" if names else f"{last} is missing"
+        times = listed([f"{clock.text(gap.from_ns)} for {gap.duration_s:.2f} s" for gap in common])
+        lengths_s = [gap.duration_s for gap in common]
+        yield Finding(
+            "sensors.gap",
+            Severity.WARNING if max(lengths_s) >= 1.0 else Severity.NOTICE,
+            f"{who} for {sum(lengths_s):.2f} s in {plural(len(common), 'gap')}: at {times}",
+            tuple(
+                Evidence(sensor.message, sensor.field, gap.from_ns, gap.until_ns)
+                for sensor in group
+                for gap in common[:8]
+            ),
+            _GAP_STEP,
+        )
 
 
 def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
@@ -274,21 +285,11 @@ def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
     yield Finding(
         "sensors.missing",
         Severity.WARNING if share >= _MISSING_WARNING else Severity.NOTICE,
-        f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz ask for are "
+        f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz need are "
         f"missing, in {len(sensor.gaps)} gaps of up to {longest_s:.3g} s",
         (Evidence(sensor.message, sensor.field, int(sensor.gaps.from_ns[0]), int(sensor.gaps.until_ns[-1])),),
         _GAP_STEP,
     )
-
-
-def _gap_begin(gap: Gap) -> int:
-    return gap.from_ns
-
-
-def _is_leap(begin_ns: int, end_ns: int, step: ClockStep) -> bool:
-    """Whether the clock jumped, without a pause."""
-    inside = begin_ns <= step.at_ns <= end_ns + round(_LONG_S * 1e9)
-    return inside and step.size_s > _LEAPT * (end_ns - begin_ns) * 1e-9
 
 
 def _gap_plot(found: list[JudgedSensor]) -> tuple[Plot, ...]:
@@ -337,8 +338,11 @@ def trouble_section(
     units = [finding for unit in inertial for finding in (*_saturated(unit, clock), *_unit_errors(unit, clock))]
     # All findings. Sensors that stopped within a second share one finding, because none of them is the cause.
     every = tuple(finding for findings in by_sensor.values() for finding in findings)
-    stopped = {name: one for name, findings in by_sensor.items() for one in findings if one.key == _STUCK}
-    begins = [_begin(one) for one in stopped.values()]
+    stopped = {name: stuck for name, findings in by_sensor.items() for stuck in findings if stuck.key == _STUCK}
+    begins = [
+        min((evidence.at_ns for evidence in stuck.evidence if evidence.at_ns is not None), default=0)
+        for stuck in stopped.values()
+    ]
     if len(stopped) < 2 or max(begins) - min(begins) > _AT_ONCE_NS:
         together = every
     else:
@@ -347,9 +351,9 @@ def trouble_section(
             "sensors.stopped_together",
             max(finding.severity for finding in stopped.values()),
             f"{', '.join(names)} and {last} stopped together at {clock.text(min(begins))}, while the vehicle moved: "
-            "each shows one and the same value from then on",
+            "each repeats one value from then on",
             tuple(evidence for finding in stopped.values() for evidence in finding.evidence),
-            "Look at what feeds them all: a link, a bus, or the process behind it.",
+            "Look at their common source: a link, a bus or a process.",
         )
         together = (one, *(finding for finding in every if finding.key != _STUCK))
     return Section("sensors", "Sensors", findings=(*together, *units))
@@ -374,14 +378,10 @@ def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None
     then = bad & while_stopped & ~elsewhere
     if not then.any():
         return [*stuck, *_unwell(sensor, bad, armed, clock)]
-    sentence = f"{stuck[0].sentence}; the autopilot called it unhealthy then"
+    sentence = f"{stuck[0].sentence}; the autopilot reported it as unhealthy then"
     evidence = (*stuck[0].evidence, *_health_evidence(sensor, then))
     one = replace(stuck[0], sentence=sentence, evidence=evidence)
     return [one, *stuck[1:], *_unwell(sensor, elsewhere, armed, clock)]
-
-
-def _begin(finding: Finding) -> int:
-    return min((one.at_ns for one in finding.evidence if one.at_ns is not None), default=0)
 
 
 def _stuck(
@@ -413,17 +413,17 @@ def _stuck(
                 f"{sensor.name} shows one and the same value {_when(sensor, [hold for hold, _ in certain], clock)}, "
                 f"while {certain[0][1]}",
                 _evidence(sensor, [hold for hold, _ in certain]),
-                "Check the sensor's bus and driver: a device that no longer answers may leave its last value behind.",
+                "Check the sensor's bus and driver: a device that no longer answers may leave its last value.",
             )
         )
     if doubtful:
         findings.append(
             Finding.notice(
                 "sensors.still",
-                f"{sensor.name} shows one and the same value {_when(sensor, doubtful, clock)}, though at other "
+                f"{sensor.name} shows one and the same value {_when(sensor, doubtful, clock)}, but at other "
                 "times no two samples are equal",
                 _evidence(sensor, doubtful),
-                "A simulated sensor without noise at rest does that; a real one is stuck.",
+                "This is normal for a simulated sensor without noise at rest. A real one is stuck.",
             )
         )
     return findings
@@ -497,10 +497,10 @@ def _unwell(sensor: JudgedSensor, bad: Flags, armed: Flags | None, clock: LogClo
         Finding(
             "sensors.unhealthy",
             Severity.WARNING if sailing.any() else Severity.NOTICE,
-            f"{sensor.name} was unhealthy to the autopilot {when}"
+            f"{sensor.name} was unhealthy according to the autopilot {when}"
             + ("" if sailing.any() or armed is None else ", only while disarmed"),
             _health_evidence(sensor, bad),
-            "See what else happened then (errors, gaps); a sensor that is not fitted should be disabled.",
+            "Look for errors and gaps at this time. Disable a sensor that is not fitted.",
         )
     ]
 
@@ -523,7 +523,7 @@ def _saturated(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
                 f"{unit.name}: the {what} is at the end of its range, {found.limit:.4g} {measure} on {field}, in "
                 f"{found.rows} samples, longest from {clock.text(at_ns)} for {(until_ns - at_ns) * 1e-9:.3g} s",
                 (Evidence(unit.table.name, field, at_ns, until_ns, f"{found.limit:.4g}"),),
-                "Damp the mounting or choose a larger range: what is cut off is lost to the estimator.",
+                "Damp the mounting or choose a larger range: the estimator does not get values beyond the range.",
             )
 
 
@@ -557,7 +557,7 @@ def _unit_errors(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
                 f"{unit.name}: the measurement rate fell from {usual:.0f} Hz to {rates[low].min():.0f} Hz at "
                 f"{clock.text(at_ns)}",
                 (Evidence(unit.table.name, field, at_ns, None, f"{rates[low].min():.0f}"),),
-                "The sensor's thread did not get to run, or its bus was held up: look at the scheduler then.",
+                "The sensor's thread did not run, or its bus was blocked. Look at the scheduler then.",
             )
 
 

@@ -77,7 +77,7 @@ def agreement_section(
                         f"seconds from {clock.text(int(at_ns[worst]))}; ArduPilot allows {limit:.3g} {unit} "
                         "before arming",
                         (Evidence(one.table.name, fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
-                        "Find which of them is off (against gravity, or standing still) and calibrate or disable it.",
+                        "Find the wrong one (with gravity, or at rest), and calibrate or disable it.",
                     )
                 )
     compasses = [each for each in plain if each.sort == "magnetometer" and each.calibrated]
@@ -109,7 +109,7 @@ def _of_two_worlds(findings: list[Finding]) -> tuple[Finding, ...]:
             "Instances of sensors differ by more than ArduPilot allows before arming: some are fed from outside, the "
             "others belong to its own simulated vehicle",
             evidence,
-            "Switch the others off (INS_ENABLE_MASK, COMPASS_USE2 …), so that the estimator cannot take to them.",
+            "Switch the others off (INS_ENABLE_MASK, COMPASS_USE2 …), so that the estimator cannot use them.",
         ),
     )
 
@@ -231,7 +231,7 @@ def _field_length(each: SensorSeries) -> Iterator[Finding]:
         f"The length of the field at {each.name} changes by {100.0 * change:.0f} %, "
         f"from {low:.3g} to {high:.3g} {each.unit}",
         (Evidence(each.message, each.fields[0], int(each.stamp_ns[0]), int(each.stamp_ns[-1])),),
-        "See whether it follows the throttle (currents) or the heading (offsets): calibrate, or move the compass.",
+        "Check whether it follows the throttle (currents) or the heading (offsets). Calibrate or move the compass.",
     )
 
 
@@ -256,7 +256,7 @@ def _barometers(
         f"{one.name} and {other.name} move apart by {strayed[worst]:.0f} Pa, as much as "
         f"{strayed[worst] / 12.0:.1f} m of height, at {clock.text(int(at_ns[worst]))}",
         (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
-        "Look for wind on an open case, sun or heat on one of them.",
+        "Look for wind on an open case, and for sun or heat on one of them.",
     )
 
 
@@ -356,7 +356,7 @@ def _percent(found: ReadOff | None) -> Value:
 
 def _done(inertial: Sequence[InertialUnit], still: RestPeriods, simulated: bool, clock: LogClock) -> Finding:
     from_ns, until_ns = still.stretches[0]
-    speed = "" if still.by_speed else "; no speed is logged, so that slow drifting would not have shown"
+    speed = "" if still.by_speed else "; no speed is logged, so slow drifting would not be visible"
     model = "; the sensors are simulated: this is their model's noise" if simulated else ""
     return Finding.ok(
         "sensors.at_rest",
@@ -376,7 +376,7 @@ def _piece(unit: InertialUnit, from_ns: int, until_ns: int) -> tuple[NDArray[np.
         return f"{unit.name} has no samples in the longest stretch at rest."
     if found.rate_hz < _SLOWEST_HZ:
         return (
-            f"No Allan deviation of {unit.name}: {found.rate_hz:.3g} Hz tell nothing of its noise; "
+            f"No Allan deviation of {unit.name}: {found.rate_hz:.3g} Hz do not show its noise; "
             f"take a log with {_SLOWEST_HZ:.0f} Hz or more."
         )
     steps = np.diff(samples)
@@ -400,7 +400,7 @@ def _decimation(unit: InertialUnit, period_s: float, parameters: Mapping[str, fl
     filtered = f" after its filters ({', '.join(filters)})" if filters else ""
     yield (
         f"{unit.name} is logged at {1.0 / period_s:.0f} Hz of the {sampled_hz:.0f} Hz it samples{filtered}: noise "
-        "above half the logged rate is folded in or filtered out, so that the noise density is not that of the sensor; "
+        "above half the logged rate is folded in or filtered out, so the noise density is not that of the sensor; "
         "log every sample (INS_RAW_LOG_OPT) for that."
     )
 

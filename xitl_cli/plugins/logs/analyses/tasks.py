@@ -23,8 +23,7 @@ from xitl_cli.logs.signals.series import rounded
 FILE_NAME = "tasks.txt"
 NAMED = 5
 _FETCH = (
-    "How long each task took is in @SYS/tasks.txt: fetch it during a run with `xitl logs tasks` into a file beside the "
-    "log."
+    "@SYS/tasks.txt has the time of each task. Fetch it during a run with `xitl logs tasks` into a file beside the log."
 )
 
 
@@ -136,7 +135,7 @@ def _own_grid(own: list[TaskTotal], clock: LogClock) -> Grid:
         "task", "rate (Hz)", "cycles", "missed", "skipped", "start late, mean (ms)", "most (ms)", "at (s)",
         "run, mean (ms)", "longest (ms)", "at (s) ", "of a processor (%)",
     )  # fmt: skip
-    return Grid.limited("tasks", "Tasks, those that take most time first", columns, rows)
+    return Grid.limited("tasks", "Tasks, the slowest first", columns, rows)
 
 
 def _file_findings(times: list[TaskTime], source: str) -> Iterator[Finding]:

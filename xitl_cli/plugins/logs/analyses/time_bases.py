@@ -105,7 +105,7 @@ def sample_clock_section(log: Log, relations: Sequence[ClockRelation], clock: Lo
                 f"{each.name} takes {each.per_sample_s * 1e3:.4f} ms a sample where {each.rate_hz:g} Hz is meant "
                 f"({(each.off_ppm or 0.0) * 1e-4:+.1f} %)",
                 (Evidence(each.message, each.field),),
-                "See which of the two is not what it should be: the rate that was set, or the clock.",
+                "Find which of the two is wrong: the rate that was set, or the clock.",
             )
             for each in found
             if each.message == "/clocks" and each.off_ppm is not None and abs(each.off_ppm) > RATE_OFF * 1e6
@@ -115,27 +115,27 @@ def sample_clock_section(log: Log, relations: Sequence[ClockRelation], clock: Lo
     )
 
 
-def _plots(found: list[SampleClock]) -> tuple[Plot, ...]:
+def _plots(clocks: list[SampleClock]) -> tuple[Plot, ...]:
     """Residuals of the lines, which the lines themselves do not show, and the lines."""
     traces = []
-    for each in found[:6]:
-        thin = slice(None, None, max(len(each.number) // MOST_SAMPLES_DRAWN, 1))
-        line_s = each.per_sample_s * (each.number - each.number[0])
-        left_s = (each.clock_ns - each.clock_ns[0]) * 1e-9 - line_s
+    for clock in clocks[:6]:
+        thin = slice(None, None, max(len(clock.number) // MOST_SAMPLES_DRAWN, 1))
+        line_s = clock.per_sample_s * (clock.number - clock.number[0])
+        left_s = (clock.clock_ns - clock.clock_ns[0]) * 1e-9 - line_s
         traces.append(
-            Trace(each.name, each.number[thin].astype(np.float64), (left_s - np.median(left_s))[thin] * 1e3, "points")
+            Trace(clock.name, clock.number[thin].astype(np.float64), (left_s - np.median(left_s))[thin] * 1e3, "points")
         )
     lines = tuple(
         Trace(
-            each.name,
-            each.number[:: max(len(each.number) // MOST_SAMPLES_DRAWN, 1)].astype(np.float64),
-            ((each.clock_ns - each.clock_ns[0]) * 1e-9)[:: max(len(each.number) // MOST_SAMPLES_DRAWN, 1)],
+            clock.name,
+            clock.number[:: max(len(clock.number) // MOST_SAMPLES_DRAWN, 1)].astype(np.float64),
+            ((clock.clock_ns - clock.clock_ns[0]) * 1e-9)[:: max(len(clock.number) // MOST_SAMPLES_DRAWN, 1)],
         )
-        for each in found[:6]
+        for clock in clocks[:6]
     )
     return (
         Plot("sample_clocks", "Time base against the sample number", "s", lines, "xy", "sample"),
-        Plot("sample_residuals", "Time base less its line", "ms", tuple(traces), "xy", "sample"),
+        Plot("sample_residuals", "Time base minus its line", "ms", tuple(traces), "xy", "sample"),
     )
 
 
@@ -338,7 +338,7 @@ def clock_plots(relations: Sequence[ClockRelation], clock: LogClock) -> tuple[Pl
         plots.append(
             Plot(
                 f"residual_{pair_key(readings)}",
-                f"{pair_title(readings)}: what is left of the offset",
+                f"{pair_title(readings)}: residual of the offset",
                 "ms",
                 (Trace("residual", readings.at_ns[thin], relation.residual_s[thin] * 1e3, "points"),),
                 marks=marks,
@@ -433,7 +433,7 @@ def clock_pair_section(log: Log, relations: Sequence[ClockRelation], clock: LogC
                     f"About {clock.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
                     f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (standard error {error_ppm:.1f})",
                     (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
-                    "Temperature changes a crystal by single ppm only: look for what disciplines that clock.",
+                    "Temperature changes a crystal by a few ppm only. Look for the source that disciplines that clock.",
                 )
             )
     findings = [
@@ -536,7 +536,7 @@ def _step(group: list[tuple[ClockRelation, ClockStep]], clock: LogClock) -> Find
             Evidence(each.readings.message, each.readings.fields, one.at_ns, value=f"{one.size_s:+.4f} s")
             for each, one in sorted(group, key=lambda each: each[0] is not best)[:MOST_NAMED]
         ),
-        "Find what set or held up that clock then; intervals across this instant are not what they seem.",
+        "Find the cause that set or stopped that clock. Intervals across this time are wrong.",
     )
 
 
@@ -564,25 +564,24 @@ def _rates(relation: ClockRelation, made_up: bool) -> Iterator[Finding]:
         f"{pair_title(readings)} runs {abs(rate_ppm):.0f} ppm {'fast' if rate_ppm > 0.0 else 'slow'} "
         f"(standard error {error_ppm:.1f}), {per_hour_ms:.0f} ms an hour",
         (Evidence(readings.message, readings.fields, value=f"{rate_ppm:+.1f} ppm"),),
-        "Crystals differ by tens of ppm at most: see whether one of the clocks is simulated, disciplined or held "
-        "up; map stamps through this relation before comparing them.",
+        "Crystals differ by tens of ppm at most: check whether one of the clocks is simulated, disciplined or "
+        "stopped. Map stamps through this relation before comparing them.",
     )
 
 
 def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
     """An OK finding about the pairs with a well-known rate, for logs without other findings."""
-    judged = [relation for relation in relations if _known(relation)]
+    # Relations with a rate that is known more precisely than its limit.
+    judged = [
+        relation
+        for relation in relations
+        if relation.longest.slope_error_ppm is not None and SURE * relation.longest.slope_error_ppm < CRYSTAL_PPM
+    ]
     if not judged:
         return ()
     pairs = pair_title(judged[0].readings) if len(judged) == 1 else f"{len(judged)} pairs of clocks"
     said = f"No step and no drift of more than {CRYSTAL_PPM:.0f} ppm: {pairs}"
     return (Finding.ok("time_bases.even", said),)
-
-
-def _known(relation: ClockRelation) -> bool:
-    """Whether the rate is known more precisely than its limit."""
-    error_ppm = relation.longest.slope_error_ppm
-    return error_ppm is not None and SURE * error_ppm < CRYSTAL_PPM
 
 
 def _scaled(relation: ClockRelation) -> Finding:
@@ -595,7 +594,7 @@ def _scaled(relation: ClockRelation) -> Finding:
         "time_bases.scaled",
         f"{fast} went {ratio:.2f} times as fast as {slow}: one of them is a simulation's",
         (Evidence(readings.message, readings.fields, value=f"{ratio:.2f}"),),
-        "Rates and delays in this log are in two kinds of seconds: compare along one clock.",
+        "Rates and delays in this log have two kinds of seconds. Use one clock for comparisons.",
     )
 
 
@@ -616,14 +615,14 @@ def _gaps(relation: ClockRelation, clock: LogClock) -> Iterator[Finding]:
         f"{readings.second} was not read for {between_s[worst]:.1f} s after {clock.text(at_ns)}, else every "
         f"{usual_s:.2f} s; {len(long)} such gaps",
         (Evidence(readings.message, readings.fields, at_ns, int(readings.at_ns[worst + 1])),),
-        "Look at the links at that time: no exchange came through.",
+        "Look at the links at that time: no exchange succeeded.",
     )
 
 
 _LACKS = {
-    "dataflash": "The log holds the autopilot's clock alone: a GPS fix (GPA) or UTC in PM.R would let it be judged.",
-    "mcap": "The recording holds no second clock: no /clocks (runs in real time), telemetry, or stamps in headers.",
-    "tlog": "No message tells the autopilot's own time (time_boot_ms), so the clocks cannot be compared.",
+    "dataflash": "The log has only the autopilot's clock. A GPS fix (GPA) or UTC in PM.R is needed to judge it.",
+    "mcap": "The recording has no second clock: no /clocks (runs in real time), telemetry, or stamps in headers.",
+    "tlog": "No message has the autopilot's time (time_boot_ms), so the clocks cannot be compared.",
 }
 
 

@@ -29,7 +29,7 @@ def analyse(log: Log) -> Section | None:
     findings = [*_simulated(log, last_parameters(log)), *_reboots(log), *_losses(log)]
     lacks = []
     if not {"firmware", "firmware_version", "firmware_commit", "firmware_release", "board"} & {f.key for f in facts}:
-        lacks.append("Which firmware this was is not logged: no VER, no firmware name in MSG, no AUTOPILOT_VERSION.")
+        lacks.append("The firmware is not logged: no VER, no firmware name in MSG, no AUTOPILOT_VERSION.")
     return Section("vehicle", "Vehicle", facts, tuple(findings), lacks=tuple(lacks))
 
 
@@ -52,18 +52,18 @@ def _simulated(log: Log, parameters: Mapping[str, float]) -> Iterator[Finding]:
     said = first_text(log, LOCKSTEP)
     if said is None:
         return
-    sentence = "The embedded autopilot ran in lockstep: its clock stood still while it worked"
-    step = "Judge deadlines and load on a run in real time (clock.mode: realtime)."
+    sentence = "The embedded autopilot ran in lockstep: its clock stopped while it computed"
+    step = "Judge deadlines and load with a run in real time (clock.mode: realtime)."
     evidence = [Evidence("MSG", "Message", said[0], value=said[1])]
     yield Finding.notice("vehicle.lockstep", sentence, tuple(evidence), step)
 
 
 def _simulated_finding(autopilot: str, evidence: tuple[Evidence, ...]) -> Finding:
     sentence = (
-        f"A SITL build of {autopilot} made this log: no board had a part in it, and vibration, power and radio are "
-        "what models say"
+        f"A SITL build of {autopilot} made this log: no board was involved, and vibration, power and radio are "
+        "values of models"
     )
-    step = "Take no processor time, jitter, noise or supply from it; those need a log of the board."
+    step = "Do not use its processor time, jitter, noise or supply. They need a log of the board."
     return Finding.notice("vehicle.simulated", sentence, evidence, step)
 
 
@@ -92,7 +92,7 @@ def _reboots(log: Log) -> Iterator[Finding]:
         "vehicle.reboots",
         f"The autopilot's clock started again {times} inside this log, {first}: it rebooted",
         tuple(Evidence(name, "TimeUS", at_ns) for at_ns in last),
-        "Look at supply voltage, watchdog (WDOG) and the last messages before; judge each part by itself.",
+        "Look at supply voltage, watchdog (WDOG) and the last messages before. Judge each part separately.",
     )
 
 
@@ -106,8 +106,8 @@ def _losses(log: Log) -> Iterator[Finding]:
     lost = int(new.sum())
     if lost == 0:
         return
-    sentence = f"{lost} records never reached this log: the logger had no room for them"
+    sentence = f"{lost} records are missing in this log: the logger had no space for them"
     spans = spells(table.stamp_ns, new > 0)
     evidence = tuple(Evidence("DSF", "Dp", begin, end, str(lost)) for begin, end in spans)
-    step = "Use a faster card, raise LOG_FILE_BUFSIZE or log less (LOG_BITMASK); gaps here need not be gaps in flight."
+    step = "Use a faster card, raise LOG_FILE_BUFSIZE or log less (LOG_BITMASK). A gap here need not be one in flight."
     yield Finding.warning("vehicle.log_dropped", sentence, evidence, step)

@@ -160,7 +160,7 @@ _TITLE = "Vibration"
 _FASTEST_NEEDED_HZ = 180.0
 _LENGTH = 1024
 _FROM_HZ = 5.0
-_SIMULATED = "The sensors are simulated: no motor shakes them, so that levels and spectra say little of a real vessel."
+_SIMULATED = "The sensors are simulated: no motor shakes them, so levels and spectra say little about a real vessel."
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,17 +227,17 @@ def analyse(log: Log) -> Section | None:
 
 
 def _levels(log: Log) -> list[VibrationLevels]:
-    found = []
+    levels = []
     for table in tables_of(log, ("VIBE", "VIBRATION")):
-        for number, each in by_instance(table).items():
+        for number, rows in by_instance(table).items():
             for axes in (("VibeX", "VibeY", "VibeZ"), ("vibration_x", "vibration_y", "vibration_z")):
-                level = stacked(each, axes)
-                if level is None or not len(each):
+                level = stacked(rows, axes)
+                if level is None or not len(rows):
                     continue
-                clipped, field = _clipped(each)
+                clipped, field = _clipped(rows)
                 name = instance_label(table, number)
-                found.append(VibrationLevels(name, table.name, bounded_stamps(each), level, axes[0], clipped, field))
-    return found
+                levels.append(VibrationLevels(name, table.name, bounded_stamps(rows), level, axes[0], clipped, field))
+    return levels
 
 
 def _clipped(table: Table) -> tuple[Floats | None, str]:
@@ -249,66 +249,66 @@ def _clipped(table: Table) -> tuple[Floats | None, str]:
     return None, ""
 
 
-def _high(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterator[Finding]:
+def _high(sensor: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterator[Finding]:
     """Levels over a limit for more than a hundredth of the armed time."""
-    rows = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None else armed
+    rows = np.ones(len(sensor.stamp_ns), dtype=np.bool_) if armed is None else armed
     time = "time" if armed is None else "armed time"
     for axis, letter in enumerate("XYZ"):
-        level = each.level_mps2[rows, axis]
-        level, stamps = level[np.isfinite(level)], each.stamp_ns[rows][np.isfinite(level)]
+        level = sensor.level_mps2[rows, axis]
+        level, stamps = level[np.isfinite(level)], sensor.stamp_ns[rows][np.isfinite(level)]
         if not len(level):
             continue
         for limit, severity in ((WARNING_MPS2, Severity.WARNING), (NOTICE_MPS2, Severity.NOTICE)):
             over = level > limit
             if float(over.mean()) > _SHARE:
                 worst = int(np.argmax(level))
-                field = each.level_field[:-1] + (letter if each.level_field[-1].isupper() else letter.lower())
+                field = sensor.level_field[:-1] + (letter if sensor.level_field[-1].isupper() else letter.lower())
                 yield Finding(
                     "vibration.high",
                     severity,
-                    f"{each.name}: vibration along {letter} is over {limit:.0f} m/s² for "
+                    f"{sensor.name}: vibration along {letter} is over {limit:.0f} m/s² for "
                     f"{100.0 * float(over.mean()):.0f} % of the {time}, up to "
                     f"{level[worst]:.0f} m/s² at {clock.text(int(stamps[worst]))}",
-                    (Evidence(each.message, field, int(stamps[worst]), None, f"{level[worst]:.1f} m/s²"),),
-                    "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s² height "
-                    "and velocity of the estimator suffer.",
+                    (Evidence(sensor.message, field, int(stamps[worst]), None, f"{level[worst]:.1f} m/s²"),),
+                    "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s², height "
+                    "and velocity of the estimator are wrong.",
                 )
                 break
 
 
-def _clips(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterator[Finding]:
+def _clips(sensor: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterator[Finding]:
     """Increments of the counter while armed."""
-    if each.clipped is None or len(each.clipped) < 2:
+    if sensor.clipped is None or len(sensor.clipped) < 2:
         return
-    step = np.diff(each.clipped)
+    step = np.diff(sensor.clipped)
     grown = np.where(step > 0.0, step, 0.0)  # a counter that falls has restarted
     if armed is not None:
         grown = np.where(armed[1:], grown, 0.0)
     if not (grown > 0.0).any():
         return
-    spans = spells(each.stamp_ns[1:], grown > 0.0)
+    spans = spells(sensor.stamp_ns[1:], grown > 0.0)
     times = listed([f"{clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
     count = int(grown.sum())
     yield Finding.warning(
         "vibration.clipping",
-        f"{each.name}: accelerometers were at the end of their range {count} times: at {times}",
-        tuple(Evidence(each.message, each.clip_field, a, b, str(count)) for a, b in spans),
-        "Damp the mounting, look for knocks (waves, quay, loose parts): clipped samples are lost to the estimator.",
+        f"{sensor.name}: accelerometers were at the end of their range {count} times: at {times}",
+        tuple(Evidence(sensor.message, sensor.clip_field, a, b, str(count)) for a, b in spans),
+        "Damp the mounting, look for knocks (waves, quay, loose parts): the estimator does not get clipped samples.",
     )
 
 
 def _grid(levels: list[VibrationLevels], armed: dict[str, Flags | None]) -> Grid:
     rows: list[tuple[Value, ...]] = []
-    for each in levels:
-        on = armed[each.name]
-        chosen = each.level_mps2 if on is None or not on.any() else each.level_mps2[on]
+    for sensor in levels:
+        on = armed[sensor.name]
+        chosen = sensor.level_mps2 if on is None or not on.any() else sensor.level_mps2[on]
         for axis, letter in enumerate("XYZ"):
             level = chosen[:, axis][np.isfinite(chosen[:, axis])]
             if len(level):
                 middle, high = np.percentile(level, (50.0, 99.0))
                 rows.append(
                     (
-                        each.name,
+                        sensor.name,
                         letter,
                         significant(float(middle), 3),
                         significant(float(high), 3),
@@ -379,21 +379,21 @@ def _of_record(unit: InertialUnit, values: Floats) -> Spectrum | None:
 
 def _spectrum_grid(spectra: list[_Found], still: RestPeriods) -> Grid:
     rows: list[tuple[Value, ...]] = []
-    for each in spectra:
-        peak = each.spectrum.peak(_FROM_HZ)
+    for spectrum_of in spectra:
+        peak = spectrum_of.spectrum.peak(_FROM_HZ)
         at_rest = None
-        if each.batches and still.stretches:
-            inside = still.rows(np.array([batch.stamp_ns for batch in each.batches], dtype=np.int64))
-            calm = [batch.samples for batch, calm in zip(each.batches, inside, strict=True) if calm]
-            quiet = welch_spectrum(calm, each.rate_hz, min(_LENGTH, min(map(len, calm)))) if calm else None
+        if spectrum_of.batches and still.stretches:
+            inside = still.rows(np.array([batch.stamp_ns for batch in spectrum_of.batches], dtype=np.int64))
+            calm = [batch.samples for batch, calm in zip(spectrum_of.batches, inside, strict=True) if calm]
+            quiet = welch_spectrum(calm, spectrum_of.rate_hz, min(_LENGTH, min(map(len, calm)))) if calm else None
             if quiet is not None and (line := quiet.peak(_FROM_HZ)) is not None:
                 at_rest = significant(line[0], 3)
         rows.append(
             (
-                each.name,
-                significant(each.rate_hz),
-                len(each.batches) or None,
-                each.spectrum.averaged,
+                spectrum_of.name,
+                significant(spectrum_of.rate_hz),
+                len(spectrum_of.batches) or None,
+                spectrum_of.spectrum.averaged,
                 None if peak is None else significant(peak[0], 3),
                 None if peak is None else significant(peak[1], 3),
                 at_rest,

@@ -15,8 +15,10 @@ from xmlrpc.client import ServerProxy, Transport
 
 URI_VARIABLE, USUAL_URI = "ROS_MASTER_URI", "http://localhost:11311"
 TIMEOUT_S = 3.0
-LOOK_S = 1.0
+RETRY_S = 1.0
 SIM_TIME = "/use_sim_time"
+MOST_SAID = 400
+"""Limit in characters, because names and requests of peers may have any length."""
 
 
 class MasterAwayError(Exception):
@@ -53,7 +55,7 @@ def call(uri: str, method: str, *arguments: Any) -> Any:
 
 def nonsense(method: str) -> MasterRefusedError:
     """Return the error for a method with an answer that violates the ROS API."""
-    return MasterRefusedError(f"{method} was answered with what is no answer of ROS")
+    return MasterRefusedError(f"the answer to {method} does not follow the API of ROS")
 
 
 def master_uri(master: str) -> str:
@@ -66,9 +68,9 @@ def master_uri(master: str) -> str:
 
 def own_host(uri: str) -> str:
     """Return the name by which other nodes reach this machine, with ROS 1's rules."""
-    given = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
-    if given:
-        return given
+    configured = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
+    if configured:
+        return configured
     place = urlsplit(uri)
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # sends no packet
@@ -89,16 +91,15 @@ class Subscription(Protocol):
 
 
 class Registrar:
-    """Registers the node's publishers, subscribers, services and parameters with the master, in a separate thread.
-
-    node: its name, which changes if a running node has the same name.
-    """
+    """Registers the node's publishers, subscribers, services and parameters with the master, in a separate thread."""
 
     def __init__(self, uri: str, node: str, notes: NodeNotes) -> None:
-        self.uri, self.node = uri, node
+        self.uri = uri
+        self.node = node
+        """Name of the node, which changes if a running node has the same name."""
         self.node_uri = ""
         self._notes = notes
-        self._wanted: dict[tuple[str, ...], tuple[Any, Subscription | None]] = {}
+        self._registrations: dict[tuple[str, ...], tuple[Any, Subscription | None]] = {}
         self._known: set[tuple[str, ...]] = set()
         self._left: list[str] = []
         self._master_id: int | None = None
@@ -106,7 +107,7 @@ class Registrar:
         self._change = threading.Event()
         self._over = threading.Event()
         self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._keep, name="ros master", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="ros master", daemon=True)
 
     def start(self, node_uri: str) -> None:
         """Start with node_uri, the URI of the node's XML-RPC server."""
@@ -127,7 +128,7 @@ class Registrar:
     def set_parameter(self, name: str, value: Any) -> None:
         """Set a parameter, or change its value. It is deleted at the end."""
         with self._lock:
-            self._wanted[("setParam", name)] = value, None
+            self._registrations[("setParam", name)] = value, None
             self._known.discard(("setParam", name))
         self._change.set()
 
@@ -160,24 +161,24 @@ class Registrar:
 
     def _want(self, key: tuple[str, ...], subscription: Subscription | None) -> None:
         with self._lock:
-            self._wanted[key] = None, subscription
+            self._registrations[key] = None, subscription
         self._change.set()
 
-    def _keep(self) -> None:
+    def _run(self) -> None:
         while not self._over.is_set():
             self._change.clear()
             try:
-                self._look()
+                self._send_missing()
             except MasterAwayError as error:
                 self._notes.tell(
-                    f"the ROS master at {self.uri} does not answer ({error}); start `roscore` there: it is asked again "
-                    "every second, and the run goes on",
+                    f"the ROS master at {self.uri} does not answer ({error}); start `roscore` there; the run continues "
+                    "and asks it again every second",
                     "away",
                 )
                 self._master_id = None
-            self._change.wait(LOOK_S)
+            self._change.wait(RETRY_S)
 
-    def _look(self) -> None:
+    def _send_missing(self) -> None:
         """Send missing registrations to the master."""
         try:
             master_id = self._ask("getPid")
@@ -191,7 +192,7 @@ class Registrar:
             self._notes.forget("away")
         self._master_id = master_id
         with self._lock:
-            pending = {key: value for key, value in self._wanted.items() if key not in self._known}
+            pending = {key: value for key, value in self._registrations.items() if key not in self._known}
         for key, (value, subscription) in pending.items():
             if self._over.is_set():
                 return
@@ -211,13 +212,13 @@ class Registrar:
         self._known.add(key)
         if subscription is not None:
             subscription.registering()
-        found = self._ask(method, name, *rest, self.node_uri)
+        uris = self._ask(method, name, *rest, self.node_uri)
         if method == "registerPublisher":
             self._look_for_others(name)
         elif subscription is not None:
-            if not isinstance(found, list) or not all(isinstance(uri, str) for uri in found):
+            if not isinstance(uris, list) or not all(isinstance(uri, str) for uri in uris):
                 raise nonsense(method)
-            subscription.registered(found)
+            subscription.registered(uris)
 
     def _look_for_others(self, topic: str) -> None:
         """Warn of other publishers of the same topic."""
@@ -229,50 +230,47 @@ class Registrar:
         shared = topic in ("/tf", "/tf_static")  # shared by all nodes that publish frames
         if others and not shared:
             self._notes.tell(
-                f"{topic} is published by {', '.join(others)} as well; give one of the two a namespace (ros.namespace)",
+                f"{', '.join(others)} also publishes {topic}; give one of the two a namespace (ros.namespace)",
                 "others",
             )
 
     def _choose_name(self) -> None:
         try:
-            there = str(self._ask("lookupNode", self.node))
-            call(there, "getPid", self.node)
+            call(str(self._ask("lookupNode", self.node)), "getPid", self.node)
         except (MasterRefusedError, MasterAwayError):
-            there = ""  # no node has this name, or it has ended
-        if there:
+            pass  # no node has this name, or it has ended
+        else:
             taken, self.node = self.node, f"{self.node}_{os.getpid()}"
-            self._notes.tell(f"a node {taken} is at the ROS master already; this one is {self.node}")
+            self._notes.tell(f"the ROS master already has a node {taken}; this node has the name {self.node}")
         self._named = True
 
     def _ask(self, method: str, *arguments: Any) -> Any:
         return call(self.uri, method, self.node, *arguments)
 
 
-MOST_SAID = 400
-"""Limit in characters, because names and requests of peers may have any length."""
-
-
 class NodeNotes:
-    """dropped: messages that did not fit, of slow readers or fast writers. refused: messages and peers."""
+    """Reports of a node: sentences, each once, and counts by topic."""
 
     def __init__(self) -> None:
         self.dropped: Counter[str] = Counter()
+        """Messages that did not fit in a queue, of slow readers or fast writers."""
         self.refused: Counter[str] = Counter()
+        """Messages and peers."""
         self._sentences: list[str] = []
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._lock = threading.Lock()
 
     def tell(self, sentence: str, again: str = "") -> None:
         """Report a sentence once, until `forget(again)`."""
         key = again or sentence
         with self._lock:
-            if key not in self._told:
-                self._told.add(key)
+            if key not in self._reported:
+                self._reported.add(key)
                 self._sentences.append(sentence[:MOST_SAID])
 
     def forget(self, again: str) -> None:
         with self._lock:
-            self._told.discard(again)
+            self._reported.discard(again)
 
     def refuse(self, topic: str, sentence: str) -> None:
         """Report a refusal once, and count it: the report explains the count."""
@@ -287,5 +285,5 @@ class NodeNotes:
     def sentences(self) -> list[str]:
         """Return new sentences since the last call."""
         with self._lock:
-            found, self._sentences = self._sentences, []
-        return found
+            sentences, self._sentences = self._sentences, []
+        return sentences

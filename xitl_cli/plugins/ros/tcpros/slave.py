@@ -41,7 +41,7 @@ class SlaveNode(Protocol):
 
 
 class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
-    """Answers in separate threads. uri: its address, for the master."""
+    """Answers in separate threads."""
 
     daemon_threads = True
     allow_reuse_address = True
@@ -51,6 +51,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         self._open_lock = threading.Lock()
         super().__init__((bound, 0), _Handler, logRequests=False, allow_none=True)
         self.uri = f"http://{host}:{self.server_address[1]}/"
+        """Address for the master."""
         self.register_instance(_SlaveApi(node, master))
         self._thread = threading.Thread(target=self.serve_forever, args=(0.1,), name="ros node", daemon=True)
         self._thread.start()
@@ -102,8 +103,8 @@ class _SlaveApi:
         self._methods: dict[str, Callable[..., list[Any]]] = {
             "getMasterUri": lambda caller: [1, "", master],
             "getPid": lambda caller: [1, "", os.getpid()],
-            "getPublications": lambda caller: [1, "publications", [list(each) for each in node.publications()]],
-            "getSubscriptions": lambda caller: [1, "subscriptions", [list(each) for each in node.subscriptions()]],
+            "getPublications": lambda caller: [1, "publications", list(map(list, node.publications()))],
+            "getSubscriptions": lambda caller: [1, "subscriptions", list(map(list, node.subscriptions()))],
             "getBusStats": lambda caller: [1, "bus stats", [[], [], []]],
             "getBusInfo": self._bus_info,
             "paramUpdate": lambda caller, name, value: [1, "", 0],
@@ -117,8 +118,8 @@ class _SlaveApi:
         return self._methods[method](*arguments)
 
     def _bus_info(self, caller: str) -> list[Any]:
-        found = enumerate(self._node.connections())
-        return [1, "bus info", [[number, peer, way, TCPROS, topic, True] for number, (peer, way, topic) in found]]
+        links = enumerate(self._node.connections())
+        return [1, "bus info", [[number, peer, way, TCPROS, topic, True] for number, (peer, way, topic) in links]]
 
     def _publisher_update(self, caller: str, topic: str, publishers: Sequence[Any]) -> list[Any]:
         self._node.set_publishers(str(topic), [str(uri) for uri in publishers])
@@ -129,7 +130,7 @@ class _SlaveApi:
         if place is None:
             return [-1, f"{topic} is not published here", 0]
         if not any(isinstance(protocol, list) and protocol[:1] == [TCPROS] for protocol in protocols):
-            return [0, "only TCPROS is spoken here", 0]
+            return [0, "this node supports only TCPROS", 0]
         host, port = place
         return [1, f"ready on {host}:{port}", [TCPROS, host, port]]
 

@@ -22,10 +22,13 @@ from xitl_cli.plugins.ros.tcpros.wire import (
     shut,
 )
 
-LOOK_S = 2.0
+CHECK_S = 2.0
 MOST_QUEUED_BYTES = 64 << 20
 MOST_SUBSCRIBERS = 128
 ANY = "*"
+HEADER_S = 10.0
+AGAIN_S = 1.0
+MOST_PUBLISHERS = 64
 
 
 class SubscriberLink:
@@ -64,23 +67,18 @@ class SubscriberLink:
             while not self.closed:
                 with self._change:
                     if not self._waiting:
-                        self._change.wait(LOOK_S)
+                        self._change.wait(CHECK_S)
                     data = b"".join(self._waiting)
                     self._waiting.clear()
                     self._waiting_bytes = 0
                 if data:
                     self._connection.sendall(data)
-                elif self._is_gone():
-                    break
+                elif select.select([self._connection], [], [], 0.0)[0] and not self._connection.recv(1 << 10):
+                    break  # a subscriber sends no data, so only its end makes the connection readable
         except (OSError, ValueError):  # ValueError: for a socket that was closed meanwhile
             pass
         finally:
             self.close()
-
-    def _is_gone(self) -> bool:
-        if not select.select([self._connection], [], [], 0.0)[0]:
-            return False
-        return not self._connection.recv(1 << 10)  # a subscriber sends no data; received data is ignored
 
 
 class TopicPublisher:
@@ -120,11 +118,11 @@ class TopicPublisher:
         md5, name = asked.get("md5sum", ""), asked.get("type", "")
         if md5 not in (ANY, self.kind.md5) or name not in (ANY, "", self.kind.name):
             raise TcprosError(
-                f"{peer} asked for {name or 'a type without a name'} with the MD5 {md5 or '(none)'}, "
-                f"{self.topic} is {self.kind.name} with {self.kind.md5}"
+                f"{peer} requested {name or 'a type without a name'} with the MD5 {md5 or '(none)'}, "
+                f"but {self.topic} is {self.kind.name} with {self.kind.md5}"
             )
         if len(self.peers) >= MOST_SUBSCRIBERS:
-            raise TcprosError(f"{self.topic} has {MOST_SUBSCRIBERS} subscribers, and takes no more")
+            raise TcprosError(f"{self.topic} accepts no more than {MOST_SUBSCRIBERS} subscribers")
         connection.sendall(
             encode_header(
                 {
@@ -140,18 +138,13 @@ class TopicPublisher:
         connection.settimeout(None)
         link = SubscriberLink(connection, peer, self._depth, lambda: self._notes.drop(self.topic))
         with self._lock:
-            self._links = (*(each for each in self._links if not each.closed), link)
+            self._links = (*(known for known in self._links if not known.closed), link)
             if self._last:
                 link.offer(self._last)
 
     def close(self) -> None:
         for link in self._links:
             link.close()
-
-
-HEADER_S = 10.0
-AGAIN_S = 1.0
-MOST_PUBLISHERS = 64
 
 
 class TopicSubscriber:
@@ -223,14 +216,14 @@ class PublisherLink:
         self._uri = uri
         self._over = threading.Event()
         self._connection: socket.socket | None = None
-        threading.Thread(target=self._keep, name=f"from {uri}", daemon=True).start()
+        threading.Thread(target=self._run, name=f"from {uri}", daemon=True).start()
 
     def close(self) -> None:
         self._over.set()
         if self._connection is not None:
             shut(self._connection)
 
-    def _keep(self) -> None:
+    def _run(self) -> None:
         topic = self._subscriber.topic
         while not self._over.is_set():
             try:
@@ -273,14 +266,14 @@ class PublisherLink:
                 }
             )
         )
-        told = receive_header(connection)
-        self.peer = told.get("callerid", self._uri)
-        if "error" in told:
-            raise TcprosError(f"{told['error'][:200]}; publish {kind.name}")
-        if told.get("md5sum") not in (ANY, kind.md5):
-            raise TcprosError(f"it publishes {told.get('type', 'another type')}; publish {kind.name}")
-        if not own.listed(told.get("callerid")):
-            raise TcprosError(f"{told.get('callerid', 'a node without a name')} is not in ros.commanders")
+        header = receive_header(connection)
+        self.peer = header.get("callerid", self._uri)
+        if "error" in header:
+            raise TcprosError(f"{header['error'][:200]}; publish {kind.name}")
+        if header.get("md5sum") not in (ANY, kind.md5):
+            raise TcprosError(f"it publishes {header.get('type', 'another type')}; publish {kind.name}")
+        if not own.listed(header.get("callerid")):
+            raise TcprosError(f"{header.get('callerid', 'a node without a name')} is not in ros.commanders")
         connection.settimeout(None)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self.connected = True
