@@ -46,15 +46,6 @@ def put_autopilot(board: EmulatedBoard, program: Path, parameters: str) -> None:
 
     parameters: a file or a profile, as for `xitl params push`. Raises UserError.
     """
-    _check_program(program)
-    lines = [f"{name} {value:.9g}\n" for name, value in read_wanted(parameters).items()]
-    _send(board, _RECEIVE.format(unit=UNIT, program=PROGRAM), program.read_bytes())
-    _send(board, f"cat > {PARAMETERS}", "".join(lines).encode())
-    _send(board, f"cat > /etc/systemd/system/{UNIT}", _UNIT.encode())
-    _send(board, _SETTLE.format(unit=UNIT), b"")
-
-
-def _check_program(program: Path) -> None:
     try:
         with program.open("rb") as opened:
             head = opened.read(52)
@@ -63,14 +54,19 @@ def _check_program(program: Path) -> None:
     arm = head[:5] == b"\x7fELF\x01" and len(head) == 52 and struct.unpack_from("<H", head, 18) == (_ARM,)
     if not arm or not struct.unpack_from("<I", head, 36)[0] & _HARD_FLOAT:
         raise UserError(
-            f"{program}: no program for armhf Linux; build ArduPilot with "
+            f"{program}: is not a program for armhf Linux; build ArduPilot with "
             "./waf configure --board linux --toolchain arm-linux-gnueabihf, then ./waf rover"
         )
+    lines = [f"{name} {value:.9g}\n" for name, value in read_wanted(parameters).items()]
+    _send(board, _RECEIVE.format(unit=UNIT, program=PROGRAM), program.read_bytes())
+    _send(board, f"cat > {PARAMETERS}", "".join(lines).encode())
+    _send(board, f"cat > /etc/systemd/system/{UNIT}", _UNIT.encode())
+    _send(board, _SETTLE.format(unit=UNIT), b"")
 
 
-def _send(board: EmulatedBoard, command: str, given: bytes) -> None:
+def _send(board: EmulatedBoard, command: str, content: bytes) -> None:
     words = ["ssh", "-F", str(board.ssh_config), board.name, command]
-    done = subprocess.run(words, input=given, capture_output=True, check=False)
+    done = subprocess.run(words, input=content, capture_output=True, check=False)
     if done.returncode:
-        said = " ".join((done.stderr or done.stdout).decode(errors="replace").split())
-        raise UserError(f"{board.name}: {said or f'exit code {done.returncode}'}; look: xitl board ssh {board.name}")
+        reason = " ".join((done.stderr or done.stdout).decode(errors="replace").split())
+        raise UserError(f"{board.name}: {reason or f'exit code {done.returncode}'}; see: xitl board ssh {board.name}")

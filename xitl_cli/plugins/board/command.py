@@ -19,25 +19,25 @@ from xitl_cli.commands.options import Json, Overwrite, RunsDuration, RunsSeed
 if TYPE_CHECKING:
     from xitl_cli.plugins.board.places import EmulatedBoard
 
-Name = Annotated[str, typer.Argument(metavar="NAME", help="The board's name.")]
-Seconds = Annotated[float, typer.Option("--for", metavar="S", min=0.0, max=3600.0, help="For so many seconds.")]
+Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the board.")]
+Seconds = Annotated[float, typer.Option("--for", metavar="S", min=0.0, max=3600.0, help="Duration in seconds.")]
 Port = Annotated[
     int | None, typer.Option(min=1024, max=65525, help="First of its ten ports on 127.0.0.1 (default: the first free).")
 ]
-Command = Annotated[list[str] | None, typer.Argument(metavar="[COMMAND]...", help="What to run there.")]
+Command = Annotated[list[str] | None, typer.Argument(metavar="[COMMAND]...", help="Command to run.")]
 
 
 def create(
     name: Name,
     suite: Annotated[str, typer.Option(help="bookworm (Debian 12, Python 3.11) or bullseye (11, 3.9).")] = "bookworm",
     cores: Annotated[int, typer.Option(min=1, max=4, help="Processors of the board.")] = 1,
-    memory: Annotated[int, typer.Option(metavar="MIB", min=256, max=2048, help="Its memory.")] = 512,
+    memory: Annotated[int, typer.Option(metavar="MIB", min=256, max=2048, help="Memory of the board.")] = 512,
     port: Port = None,
     mirror: Annotated[
-        str | None, typer.Option(metavar="URL", help="Debian mirror (default: the one that apt uses here).")
+        str | None, typer.Option(metavar="URL", help="Debian mirror (default: the mirror of apt on this machine).")
     ] = None,
 ) -> None:
-    """Make an ARMv7 board of Debian's packages, to be emulated here. No root needed; what was done so far is kept."""
+    """Make an emulated ARMv7 board from Debian's packages. It needs no root, and keeps completed steps."""
     from xitl_cli.plugins.board.life import create as make
 
     with _telling() as tell:
@@ -53,12 +53,12 @@ def start(
         str | None,
         typer.Option(
             metavar="forwarded|namespace",
-            help="Ports of 127.0.0.1, or a network namespace of its own where it is 192.168.7.2 (default: as before).",
+            help="Ports of 127.0.0.1, or a separate network namespace with 192.168.7.2 (default: as last time).",
         ),
     ] = None,
-    timeout: Annotated[float, typer.Option(metavar="S", min=5, help="How long it may take to come up.")] = 180.0,
+    timeout: Annotated[float, typer.Option(metavar="S", min=5, help="Time limit of the boot.")] = 180.0,
 ) -> None:
-    """Boot a board, wait until ssh lets us in, and print its address and the commands that use it."""
+    """Boot a board, wait until it accepts ssh, and print its address and the commands that use it."""
     from xitl_cli.plugins.board.life import start as begin
 
     with _telling() as tell:
@@ -70,7 +70,7 @@ def start(
 
 def stop(
     name: Name,
-    cut: Annotated[bool, typer.Option("--cut", help="Cut its power: what was not on its disk is lost.")] = False,
+    cut: Annotated[bool, typer.Option("--cut", help="Cut its power; data that is not on its disk is lost.")] = False,
 ) -> None:
     """Shut a board down."""
     from xitl_cli.plugins.board.emulator import cut_power, running, shut_down
@@ -92,49 +92,49 @@ def put(
     name: Name,
     program: Annotated[Path, typer.Argument(metavar="ARDUROVER", help="ArduPilot Rover, built for armhf Linux.")],
     parameters: Annotated[
-        str, typer.Option(metavar="FILE|PROFILE", help="The parameters that it starts with.")
+        str, typer.Option(metavar="FILE|PROFILE", help="Initial parameters.")
     ] = "hitl-ardupilot-linux",
 ) -> None:
-    """Bring an ArduPilot to a board, with a unit that starts it beside the agent as its bridge."""
+    """Copy an ArduPilot to a board, with a unit that starts it. The agent is its bridge."""
     from xitl_cli.plugins.board.autopilot import UNIT, put_autopilot
     from xitl_cli.plugins.board.emulator import the_running_board
 
     put_autopilot(the_running_board(name), program, parameters)
-    _say(f"{name}: {UNIT} is started now and at each boot, and waits for the agent to call")
-    _say(f"  bridge     xitl agent deploy board:{name} --service --config agent.conf, as docs/virtual-board.md has it")
+    _say(f"{name}: {UNIT} starts now and at each boot, and waits for the agent")
+    _say(f"  bridge     xitl agent deploy board:{name} --service --config agent.conf (docs/virtual-board.md)")
 
 
 def pause(name: Name, seconds: Seconds = 2.0) -> None:
-    """Stop the emulated machine for a while, clocks and all, and go on: what a run makes of it is in its record."""
+    """Stop the emulated machine with its clocks for some time, then continue. A run records the effect."""
     from xitl_cli.plugins.board.emulator import stopped, the_running_board
 
     with stopped(the_running_board(name)):
         time.sleep(seconds)
-    _say(f"{name}: stood still for {seconds:g} s")
+    _say(f"{name}: was stopped for {seconds:g} s")
 
 
 def unplug(name: Name, seconds: Seconds = 2.0) -> None:
-    """Pull a board's network cable for a while, and plug it again."""
+    """Unplug a board's network cable for some time, then plug it in again."""
     from xitl_cli.plugins.board.emulator import the_running_board, unplugged
 
     with unplugged(the_running_board(name)):
         time.sleep(seconds)
-    _say(f"{name}: without its network for {seconds:g} s")
+    _say(f"{name}: had no network for {seconds:g} s")
 
 
 def compare(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="An emulated board that runs, an agent deployed to it.")
+        str | None, typer.Argument(metavar="[NAME]", help="Running emulated board with a deployed agent.")
     ] = None,
-    board: Annotated[str | None, typer.Option(metavar="URL", help="The agent on a real board, too.")] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where runs and page go.")] = Path("runs/four-ways"),
+    board: Annotated[str | None, typer.Option(metavar="URL", help="Agent on a real board, as a further run.")] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of runs and page.")] = Path("runs/four-ways"),
     seed: RunsSeed = 1,
     duration: RunsDuration = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """The same mission in process, as a loopback, on an emulated and on a real board: one page, side by side.
+    """Run one mission in process, as a loopback, on an emulated and on a real board, and compare all on one page.
 
-    Exit code: 0 when all completed the mission, 1 when not.
+    Exit code: 0 all completed the mission; 1 one did not.
     """
     from xitl_cli.commands.terminal import show_rows, terminal
     from xitl_cli.experiment.setup import ExperimentSetup
@@ -156,18 +156,18 @@ def compare(
 
 def remove(
     name: Name,
-    images: Annotated[bool, typer.Option("--images", help="And the images that no other board uses.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Cut the power of a board that runs.")] = False,
+    images: Annotated[bool, typer.Option("--images", help="Also remove the images that no other board uses.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Cut the power of a running board.")] = False,
 ) -> None:
     """Remove a stopped board with its disk and keys; its image stays for other boards."""
-    from xitl_cli.plugins.board.life import remove as take_away
+    from xitl_cli.plugins.board.life import remove as remove_board
 
-    for path in take_away(name, images, force):
+    for path in remove_board(name, images, force):
         _say(f"removed {path}")
 
 
 def list_boards(as_json: Json = False) -> None:
-    """List the boards that there are, and whether they run."""
+    """List all boards with their state."""
     from xitl_cli.commands.terminal import show_rows, terminal
     from xitl_cli.plugins.board.emulator import running
     from xitl_cli.plugins.board.places import FORWARDED, board_names, the_board
@@ -176,46 +176,40 @@ def list_boards(as_json: Json = False) -> None:
     if as_json:
         rows = [
             {
-                "name": one.name,
-                "suite": one.suite,
-                "cores": one.cores,
-                "memory_mib": one.memory_mib,
-                "running": running(one) is not None,
-                "network": one.network,
-                "ssh": f"{one.address}:{one.ssh_port}",
-                "autopilot": f"{one.address}:{one.autopilot_port}",
-                "companion": f"{one.address}:{one.companion_port}",
-                "mavlink": f"{one.address}:{one.mavlink_port}",
-                "serial": str(one.serial),
-                "folder": str(one.folder),
+                "name": board.name,
+                "suite": board.suite,
+                "cores": board.cores,
+                "memory_mib": board.memory_mib,
+                "running": running(board) is not None,
+                "network": board.network,
+                "ssh": f"{board.address}:{board.ssh_port}",
+                "autopilot": f"{board.address}:{board.autopilot_port}",
+                "companion": f"{board.address}:{board.companion_port}",
+                "mavlink": f"{board.address}:{board.mavlink_port}",
+                "serial": str(board.serial),
+                "folder": str(board.folder),
             }
-            for one in boards
+            for board in boards
         ]
         typer.echo(json.dumps({"boards": rows}, indent=2))
         return
     if not boards:
         _say("no board yet; make one: xitl board create virtual")
         return
-    table = [
-        [
-            one.name,
-            "runs" if running(one) is not None else "off",
-            one.suite,
-            str(one.cores),
-            f"{one.memory_mib} MiB",
-            f"{one.address}:{one.port}–{one.mavlink_port}"
-            if one.network == FORWARDED
-            else f"{one.address}, {one.network}",
-            f"{_used_mib(one)} MiB",
-        ]
-        for one in boards
-    ]
-    show_rows(
-        terminal(),
-        ("board", "", "suite", "cores", "memory", "network", "on disk"),
-        table,
-        text=(0, 1, 2, 5),
-    )
+    table = []
+    for board in boards:
+        state = "runs" if running(board) is not None else "off"
+        network = f"{board.address}, {board.network}"
+        if board.network == FORWARDED:
+            network = f"{board.address}:{board.port}–{board.mavlink_port}"
+        try:
+            used = sum(path.stat().st_blocks * 512 for path in board.folder.iterdir() if path.is_file()) >> 20
+        except OSError:
+            used = 0
+        memory = f"{board.memory_mib} MiB"
+        table.append([board.name, state, board.suite, str(board.cores), memory, network, f"{used} MiB"])
+    columns = ("board", "", "suite", "cores", "memory", "network", "on disk")
+    show_rows(terminal(), columns, table, text=(0, 1, 2, 5))
 
 
 def ssh(name: Name, command: Command = None) -> None:
@@ -225,27 +219,27 @@ def ssh(name: Name, command: Command = None) -> None:
 
     board = the_running_board(name)
     require(FOR_RUNNING)
-    _become(["ssh", "-F", str(board.ssh_config), board.name, *_given(command)])
+    _become(["ssh", "-F", str(board.ssh_config), board.name, *_words(command)])
 
 
 def enter(name: Name, command: Command = None) -> None:
-    """Run a command of this machine in the network namespace of a board, or a shell. Exit code: the command's."""
+    """Run a command of this machine, or a shell, in the network namespace of a board. Exit code: of the command."""
     from xitl_cli.errors import UserError
     from xitl_cli.plugins.board.emulator import the_process
     from xitl_cli.plugins.board.network import entering
     from xitl_cli.plugins.board.places import the_board
 
     board = the_board(name)
-    words = _given(command) or [os.environ.get("SHELL", "/bin/sh")]
+    words = _words(command) or [os.environ.get("SHELL", "/bin/sh")]
     entered = entering(board, the_process(board), words)
     if shutil.which(words[0]) is None:
-        raise UserError(f"{words[0]}: there is no such command on this machine; check its name, or give its path")
+        raise UserError(f"{words[0]}: this machine has no such command; check its name, or use its path")
     if not command:
-        _say(f"in the network of {name}, which is {board.address} there; exit leaves")
+        _say(f"in the network of {name}, with the address {board.address}; leave with exit")
     _become(entered)
 
 
-def _given(command: list[str] | None) -> list[str]:
+def _words(command: list[str] | None) -> list[str]:
     """Return the command without a leading `--`."""
     words = command or []
     return words[1:] if words[:1] == ["--"] else words
@@ -257,9 +251,8 @@ def _become(words: list[str]) -> None:
 
 
 def console(name: Name) -> None:
-    """The board's console, where it says what it does while it boots. Ctrl-] leaves."""
-    from xitl_cli.plugins.board.console import attach
-    from xitl_cli.plugins.board.emulator import sockets, the_running_board
+    """Attach to the board's console, which shows the messages of its boot. Leave with Ctrl-]."""
+    from xitl_cli.plugins.board.emulator import attach, sockets, the_running_board
 
     board = the_running_board(name)
     _say(f"console of {name}; leave with Ctrl-]")
@@ -272,14 +265,12 @@ def _commands(board: EmulatedBoard) -> Iterator[tuple[str, str]]:
 
     name = board.name
     if board.network == NAMESPACE:
-        address = f"{BOARD_ADDRESS} in a network namespace of its own, this machine {HOST_ADDRESS} there"
+        address = f"{BOARD_ADDRESS} in a separate network namespace, with {HOST_ADDRESS} for this machine"
         sail = f"xitl board enter {name} xitl sim --profile hitl-beaglebone"
     else:
         address = f"{board.address}, ssh port {board.ssh_port}; {BOARD_ADDRESS} in its own network"
-        given = (
-            "" if board.port == FIRST_PORT else f" --set autopilot.link=udp://{board.address}:{board.autopilot_port}"
-        )
-        sail = f"xitl sim --profile hitl-virtual-board{given}"
+        link = f" --set autopilot.link=udp://{board.address}:{board.autopilot_port}"
+        sail = f"xitl sim --profile hitl-virtual-board{'' if board.port == FIRST_PORT else link}"
     yield "address", address
     yield "log in", f"xitl board ssh {name}"
     yield "deploy", f"xitl agent deploy board:{name} --service --link udp://{INTERFACE}:{BOARD_PORTS[0]}"
@@ -287,13 +278,6 @@ def _commands(board: EmulatedBoard) -> Iterator[tuple[str, str]]:
     yield "check", f"xitl doctor board:{name}"
     yield "serial", f"serial://{board.serial}?baud=921600 here, serial:///dev/ttyS0?baud=921600 there"
     yield "stop", f"xitl board stop {name}"
-
-
-def _used_mib(board: EmulatedBoard) -> int:
-    try:
-        return sum(path.stat().st_blocks * 512 for path in board.folder.iterdir() if path.is_file()) >> 20
-    except OSError:
-        return 0
 
 
 @contextmanager
@@ -309,10 +293,10 @@ def _telling() -> Iterator[Callable[[str], None]]:
 
     def tell(text: str) -> None:
         nonlocal last
-        what = "".join(letter for letter in text if not letter.isdigit())
-        if what != last and not what.startswith(" s"):
+        kind = "".join(letter for letter in text if not letter.isdigit())
+        if kind != last and not kind.startswith(" s"):
             typer.echo(text, err=True)
-            last = what
+            last = kind
 
     yield tell
 

@@ -1,19 +1,29 @@
-"""The emulated machine: its command line, start, the wait until the board is up, and stop."""
+"""The emulated machine: command line, start, the wait until the board is up, monitor, console and stop.
+
+The monitor, QMP, exchanges one JSON object per line over a private socket of this user.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import re
+import select
 import signal
+import socket
 import subprocess
+import sys
+import termios
 import time
+import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.board import network, recipe
-from xitl_cli.plugins.board.console import ConsoleFile
-from xitl_cli.plugins.board.monitor import EmulatorMonitor
 from xitl_cli.plugins.board.namespace import emulator_process
 from xitl_cli.plugins.board.places import EmulatedBoard, the_board
 from xitl_cli.plugins.board.tools import find_program, last_words
@@ -24,6 +34,112 @@ _LONGEST_SOCKET = 100  # slightly less than the system's limit for the path of a
 _TRY_S = 0.5
 _PANIC = "Kernel panic"
 Progress = Callable[[str], None]
+
+
+MONITOR_TIMEOUT_S = 10.0
+
+
+class EmulatorMonitor:
+    """A connection to the monitor of a running emulator. Raises UserError if it does not answer."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._socket.settimeout(MONITOR_TIMEOUT_S)
+        try:
+            self._socket.connect(str(path))
+        except OSError as error:
+            self._socket.close()
+            raise UserError(f"{path}: no emulator answers ({error.strerror}); start the board") from None
+        self._file = self._socket.makefile("rwb")
+        self._read()
+        self.do("qmp_capabilities")
+
+    def do(self, command: str, **arguments: Any) -> Any:
+        """Run a command of the monitor and return its result."""
+        words: dict[str, Any] = {"execute": command}
+        if arguments:
+            words["arguments"] = {name.replace("_", "-"): value for name, value in arguments.items()}
+        self._file.write(json.dumps(words).encode() + b"\n")
+        self._file.flush()
+        while True:
+            answer = self._read()
+            if "error" in answer:
+                raise UserError(f"{self._path}: {command}: {answer['error'].get('desc', 'refused')}")
+            if "return" in answer:
+                return answer["return"]
+
+    def _read(self) -> dict[str, Any]:
+        try:
+            line = self._file.readline()
+            answer = json.loads(line)
+        except (OSError, ValueError):
+            raise UserError(f"{self._path}: the emulator does not answer any more; check that it runs") from None
+        return dict(answer)
+
+    def close(self) -> None:
+        """Close the connection. The emulator continues unchanged."""
+        self._file.close()
+        self._socket.close()
+
+    def __enter__(self) -> EmulatorMonitor:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+
+_CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\x1b[()][A-Z0-9]|\x1b[=>78]|[\x00-\x08\x0b-\x1f]")
+
+
+class ConsoleFile:
+    """The file to which the emulator writes its console."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def text(self) -> str:
+        """Return all output without cursor control sequences; empty if there is none."""
+        try:
+            return _CONTROL.sub("", self._path.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n"))
+        except OSError:
+            return ""
+
+    def last_line(self) -> str:
+        """Return the last line that is not empty."""
+        lines = [line.strip() for line in self.text().splitlines() if line.strip()]
+        return lines[-1] if lines else ""
+
+
+LEAVE = b"\x1d"  # Ctrl-]
+
+
+def attach(path: Path, log: Path) -> None:
+    """Attach this terminal to the console until Ctrl-], the end of the input or of the emulator. Raises UserError."""
+    connection = socket.socket(socket.AF_UNIX)
+    try:
+        connection.connect(str(path))
+    except OSError as error:
+        raise UserError(f"{path}: the console does not answer ({error.strerror}); close it elsewhere") from None
+    source, sink = sys.stdin.fileno(), sys.stdout.fileno()
+    os.write(sink, log.read_bytes()[-2000:])
+    settings = termios.tcgetattr(source) if os.isatty(source) else None
+    try:
+        if settings is not None:
+            tty.setraw(source)
+        with connection:
+            while True:
+                for ready in select.select([connection, source], [], [])[0]:
+                    data = connection.recv(4096) if ready is connection else os.read(source, 4096)
+                    if not data or (ready is source and LEAVE in data):
+                        return
+                    if ready is connection:
+                        os.write(sink, data)
+                    else:
+                        connection.sendall(data)
+    finally:
+        if settings is not None:
+            termios.tcsetattr(source, termios.TCSADRAIN, settings)
 
 
 def machine_arguments(cores: int, memory_mib: int, kernel: Path, early: Path, kernel_arguments: str) -> list[str]:
@@ -90,7 +206,7 @@ def the_reached_board(name: str, command: str) -> EmulatedBoard:
     """
     board = the_board(name)
     if not network.is_reached(board, the_process(board)):
-        raise UserError(f"{name}: is in a network namespace of its own; enter it: xitl board enter {name} {command}")
+        raise UserError(f"{name}: is in a separate network namespace; enter it: xitl board enter {name} {command}")
     return board
 
 
@@ -99,7 +215,7 @@ def boot(board: EmulatedBoard, kernel: Path) -> None:
     monitor, console = sockets(board)
     if len(str(monitor)) > _LONGEST_SOCKET:
         raise UserError(
-            f"{monitor}: too long for the path of a socket; set XITL_CACHE to a folder whose path is shorter"
+            f"{monitor}: is too long for the path of a socket; set XITL_CACHE to a folder with a shorter path"
         )
     board.console.write_bytes(b"")
     program, *arguments = board_arguments(board, kernel)
@@ -112,8 +228,8 @@ def boot(board: EmulatedBoard, kernel: Path) -> None:
     for path in (monitor, console):
         path.chmod(0o600)
     board.serial.unlink(missing_ok=True)
-    with EmulatorMonitor(monitor) as asked:
-        for device in asked.do("query-chardev"):
+    with EmulatorMonitor(monitor) as connection:
+        for device in connection.do("query-chardev"):
             if device["label"] == "uart":
                 board.serial.symlink_to(device["filename"].removeprefix("pty:"))
 
@@ -124,29 +240,25 @@ def wait_until_up(board: EmulatedBoard, limit_s: float, progress: Progress) -> f
     Raises UserError with the last lines of its console after the limit, or if the machine stops.
     """
     begun_s = time.monotonic()
-    said = ConsoleFile(board.console)
+    console = ConsoleFile(board.console)
     while (waited_s := time.monotonic() - begun_s) < limit_s:
         if running(board) is None:
             raise UserError(f"{board.name}: its emulator ended after {waited_s:.0f} s; {_console(board)}")
-        if _PANIC in said.text():
+        if _PANIC in console.text():
             cut_power(board)
-            raise UserError(f"{board.name}: its kernel gave up after {waited_s:.0f} s; {_console(board)}")
-        progress(f"{waited_s:.0f} s  {said.last_line()}")
-        if recipe.READY in said.text() and _lets_us_in(board):
+            raise UserError(f"{board.name}: its kernel panicked after {waited_s:.0f} s; {_console(board)}")
+        progress(f"{waited_s:.0f} s  {console.last_line()}")
+        if recipe.READY in console.text() and run_there(board, ["true"], START_S).returncode == 0:
             return time.monotonic() - begun_s
         time.sleep(_TRY_S)
     raise UserError(
-        f"{board.name}: did not come up within {limit_s:.0f} s; {_console(board)}; give it longer with --timeout, or "
-        f"look: xitl board console {board.name}"
+        f"{board.name}: did not boot within {limit_s:.0f} s; {_console(board)}; raise --timeout, or see: xitl board "
+        f"console {board.name}"
     )
 
 
 def _console(board: EmulatedBoard) -> str:
-    return f"its console ended with: {last_words(ConsoleFile(board.console).text()) or 'nothing at all'}"
-
-
-def _lets_us_in(board: EmulatedBoard) -> bool:
-    return run_there(board, ["true"], START_S).returncode == 0
+    return f"its console ended with: {last_words(ConsoleFile(board.console).text()) or 'nothing'}"
 
 
 def run_there(board: EmulatedBoard, words: list[str], limit_s: float) -> subprocess.CompletedProcess[str]:

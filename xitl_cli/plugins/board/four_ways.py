@@ -1,4 +1,4 @@
-"""The same mission four ways: in process, as a loopback, on an emulated board, and on a real board if there is one."""
+"""One mission in four ways: in process, as a loopback, on an emulated board, and on a real board if available."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from xitl_cli.logs.model.sections import Grid, Plot, Section, Trace
 from xitl_cli.plugins.board.emulator import the_reached_board
 
 PAGE = "four-ways.html"
-EMULATED = "An emulated board is no hardware: its nodes weigh as virtual ones, and its timing is its emulator's."
+EMULATED = (
+    "An emulated board is not hardware: its nodes have the weight of virtual nodes, and the emulator sets its timing."
+)
 _KEPT = {True: "yes", False: "no", None: "lockstep"}
 
 
@@ -57,8 +59,8 @@ def sail(setup: ExperimentSetup, chosen: Sequence[Way]) -> list[Way]:
     for number, way in enumerate(chosen, 1):
         setup.tell(f"{way.title}: {way.extends}")
         text = f"# {way.title}\nextends: {way.extends}\ndescription: The same mission, {way.title}\n{way.keys}"
-        given = {"clock.seed": setup.seed, "clock.duration_s": setup.duration_s}
-        result = setup.run_profile(f"{number}-{way.title.replace(' ', '-')}", text, given)
+        overrides = {"clock.seed": setup.seed, "clock.duration_s": setup.duration_s}
+        result = setup.run_profile(f"{number}-{way.title.replace(' ', '-')}", text, overrides)
         off_path_m = (None, None) if first is None else _off_path_m(first, result.recording)
         first = first or result.recording
         with open_log(result.recording) as log:
@@ -87,7 +89,7 @@ def table(sailed: Sequence[Way]) -> list[list[str]]:
 def _quantities(summary: Mapping[str, Any], off_path_m: tuple[Told, Told]) -> Iterator[tuple[str, Told]]:
     mission, estimation = summary.get("mission") or {}, summary.get("estimation") or {}
     links = {link["name"]: link for link in summary.get("links") or ()}
-    clock: Mapping[str, Any] = next((one for one in summary.get("clocks") or () if one["node"] == "LC"), {})
+    clock: Mapping[str, Any] = next((clock for clock in summary.get("clocks") or () if clock["node"] == "LC"), {})
     age = (summary.get("actuators") or {}).get("age_us") or {}
     tasks = [task for task in summary.get("tasks") or () if task["node"] == "LC" and task["task"] == "control"]
     verdict, graph = summary.get("verdict") or {}, summary.get("graph") or {}
@@ -128,7 +130,7 @@ def write_page(sailed: Sequence[Way], path: Path) -> None:
     paths = tuple(Trace(title, east, north) for title, north, east in known)
     plots = (Plot("paths", "Paths over ground", "north (m)", paths, "map", "east (m)"),) if paths else ()
     rows = tuple((name, *values) for name, *values in table(sailed))
-    grid = Grid("quantities", "What each of them measured", ("", *(way.title for way in sailed)), rows)
+    grid = Grid("quantities", "Measured quantities", ("", *(way.title for way in sailed)), rows)
     lacks = () if paths else ("No positions were recorded.",)
     section = Section("ways", "Side by side", grids=(grid,), plots=plots, lacks=lacks)
     write_sections(path, f"The same mission, {len(sailed)} ways", EMULATED, [section])

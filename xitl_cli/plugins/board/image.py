@@ -17,14 +17,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.board import recipe
-from xitl_cli.plugins.board.console import ConsoleFile
-from xitl_cli.plugins.board.emulator import machine_arguments
+from xitl_cli.plugins.board.emulator import ConsoleFile, machine_arguments
 from xitl_cli.plugins.board.packages import FetchedPackages, fetch
 from xitl_cli.plugins.board.places import images_root, make_folder
 from xitl_cli.plugins.board.tools import checked_run, find_program, last_words
@@ -77,20 +75,14 @@ def find_image(suite: str) -> BoardImage | None:
 def make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
     """Return the image of a suite; make it if it does not exist. Raises UserError. Completed steps are kept."""
     make_folder(images_root())
-    with _alone(images_root() / f"{suite}.lock", progress):
-        return find_image(suite) or _make_image(suite, mirror, progress)
-
-
-@contextmanager
-def _alone(lock: Path, progress: Progress) -> Iterator[None]:
-    """Hold the lock of an image. A second process waits and then finds the finished image."""
-    with lock.open("w") as held:
+    # Hold the lock of the image. A second process waits and then finds the finished image.
+    with (images_root() / f"{suite}.lock").open("w") as lock:
         try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             progress("waiting for another xitl that makes this image")
-            fcntl.flock(held, fcntl.LOCK_EX)
-        yield
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        return find_image(suite) or _make_image(suite, mirror, progress)
 
 
 def _make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImage:
@@ -99,8 +91,8 @@ def _make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImag
     free_mib = shutil.disk_usage(folder).free >> 20
     if free_mib < LEAST_FREE_MIB:
         raise UserError(
-            f"{folder}: {free_mib} MiB are free and an image takes {LEAST_FREE_MIB} while it is made; make room, or "
-            "set XITL_CACHE to a folder elsewhere"
+            f"{folder}: {free_mib} MiB are free, but making an image takes {LEAST_FREE_MIB} MiB; free space, or set "
+            "XITL_CACHE to a folder on another disk"
         )
     progress(f"fetching the packages of Debian {suite} for {recipe.ARCHITECTURE}")
     packages = fetch(suite, mirror, images_root() / f"{suite}-packages")
@@ -112,7 +104,7 @@ def _make_image(suite: str, mirror: str | None, progress: Progress) -> BoardImag
     image = BoardImage(folder, suite, image.version, unpacked.read_text(encoding="utf-8"), image.packages)
     _configure(image, progress)
     words = ["convert", "-O", "qcow2", str(folder / "configuring.qcow2"), str(image.disk)]
-    checked_run(["qemu-img", *words], f"{image.disk}: cannot be made", "make room, or try again")
+    checked_run(["qemu-img", *words], f"{image.disk}: cannot be made", "free space, or try again")
     facts = {key: value for key, value in asdict(image).items() if key != "folder"}
     (folder / "image.json").write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
     for left in ("unpacked", "unpacked.img", "setup.log", "configuring.qcow2"):
@@ -132,7 +124,7 @@ def _unpack(image: BoardImage, packages: FetchedPackages, progress: Progress) ->
         "disk": str(image.folder / "unpacked.img"),
     }
     words = ["fakeroot", "--", sys.executable, "-m", "xitl_cli.plugins.board.unpack", json.dumps(job)]
-    checked_run(words, f"{image.folder}: the packages cannot be unpacked", "make room, or try again")
+    checked_run(words, f"{image.folder}: the packages cannot be unpacked", "free space, or try again")
     (kernel,) = (tree / "boot").glob("vmlinuz-*")
     release = kernel.name.removeprefix("vmlinuz-")
     shutil.copyfile(kernel, image.kernel)
@@ -162,8 +154,8 @@ def _in_order(root: Path) -> Iterator[Path]:
         if name in done or name not in files:  # built-in modules have no file
             return
         done.add(name)
-        said = _DEPENDS.search(files[name].read_bytes())
-        for needed in said[1].decode().split(",") if said else ():
+        depends = _DEPENDS.search(files[name].read_bytes())
+        for needed in depends[1].decode().split(",") if depends else ():
             yield from with_needed(needed.replace("-", "_"))
         yield files[name]
 
@@ -192,7 +184,7 @@ def make_overlay(disk: Path, base: Path, kind: str) -> None:
     """Make a disk that holds only the differences from `base`, in the format `kind`."""
     disk.unlink(missing_ok=True)
     words = ["qemu-img", "create", "-q", "-f", "qcow2", "-F", kind, "-b", str(base), str(disk)]
-    checked_run(words, f"{disk}: cannot be made", "make room, or check who may write there")
+    checked_run(words, f"{disk}: cannot be made", "free space, or check the permissions of its folder")
 
 
 def _configure(image: BoardImage, progress: Progress) -> None:
@@ -207,24 +199,19 @@ def _configure(image: BoardImage, progress: Progress) -> None:
         "-drive", f"if=none,id=disk,format=qcow2,cache=unsafe,file={disk}", "-device", "virtio-blk-device,drive=disk",
     ]  # fmt: skip
     console.write_bytes(b"")
-    said = ConsoleFile(console)
+    output = ConsoleFile(console)
     words = [find_program(command[0]) or command[0], *command[1:]]
     with subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=console.open("ab")) as ran:
         try:
-            done = _watch(ran, said, image.packages, progress)
+            end_s = time.monotonic() + SETUP_LIMIT_S
+            while time.monotonic() < end_s and ran.poll() is None:
+                count = output.text().count("Setting up ")
+                progress(f"configuring package {count} of {image.packages} in the emulator")
+                time.sleep(0.5)
         finally:
             ran.kill()
-    if not done:
+    if recipe.SETUP_DONE not in output.text():
         raise UserError(
             f"{image.folder}: the packages were not configured in the emulator; its console ended with: "
-            f"{last_words(said.text())}; try again, and if it stays so remove the folder"
+            f"{last_words(output.text())}; try again, or remove the folder if this fails too"
         )
-
-
-def _watch(process: subprocess.Popen[bytes], said: ConsoleFile, packages: int, progress: Progress) -> bool:
-    """Return True if the setup ended correctly."""
-    end_s = time.monotonic() + SETUP_LIMIT_S
-    while time.monotonic() < end_s and process.poll() is None:
-        progress(f"configuring package {said.text().count('Setting up ')} of {packages} in the emulator")
-        time.sleep(0.5)
-    return recipe.SETUP_DONE in said.text()

@@ -1,17 +1,19 @@
-"""Life cycle of a board from creation to removal."""
+"""Life cycle of a board from creation to removal, and its ssh keys and settings."""
 
 from __future__ import annotations
 
 import gzip
+import shlex
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.board import recipe
+from xitl_cli.plugins.board import namespace, recipe
 from xitl_cli.plugins.board.emulator import boot, cut_power, running, wait_until_up
-from xitl_cli.plugins.board.image import BoardImage, cpio_archive, find_image, make_image, make_overlay
-from xitl_cli.plugins.board.keys import make_keys, seed_files, write_ssh_config
+from xitl_cli.plugins.board.image import cpio_archive, find_image, make_image, make_overlay
 from xitl_cli.plugins.board.network import check_network
 from xitl_cli.plugins.board.places import (
     FIRST_PORT,
@@ -28,9 +30,10 @@ from xitl_cli.plugins.board.places import (
     the_board,
     write_record,
 )
-from xitl_cli.plugins.board.tools import FOR_MAKING, FOR_RUNNING, require
+from xitl_cli.plugins.board.tools import FOR_MAKING, FOR_RUNNING, checked_run, require
 
 Progress = Callable[[str], None]
+LOGIN_KEY, HOST_KEY, KNOWN = "id_ed25519", "ssh_host_ed25519_key", "known_hosts"
 
 
 def create(
@@ -39,10 +42,10 @@ def create(
     """Make a board, with an image of its suite that other boards share. Raises UserError. Completed steps are kept."""
     folder = board_folder(name)
     if suite not in recipe.SUITES:
-        raise UserError(f"--suite {suite}: not one that boards are made of; use {' or '.join(recipe.SUITES)}")
+        raise UserError(f"--suite {suite}: is not a suite for boards; use {' or '.join(recipe.SUITES)}")
     if find_board(name) is not None:
         raise UserError(
-            f"{name}: is there already; start it (xitl board start {name}), or remove it: xitl board remove {name}"
+            f"{name}: exists already; start it (xitl board start {name}), or remove it: xitl board remove {name}"
         )
     require(FOR_MAKING)
     image = make_image(suite, mirror, progress)
@@ -51,7 +54,9 @@ def create(
     folder.chmod(0o700)
     board = EmulatedBoard(name, suite, image.version, cores, memory_mib, _free_ports() if port is None else port)
     make_keys(folder, name)
-    _make_disk(board, image)
+    make_overlay(board.disk, image.disk, "qcow2")
+    seed = cpio_archive({f"seed/{path}": file for path, file in seed_files(board).items()})
+    board.early.write_bytes(image.early.read_bytes() + gzip.compress(seed, mtime=0))
     write_record(board)
     return board
 
@@ -61,18 +66,7 @@ def _free_ports() -> int:
     for port in range(FIRST_PORT, LAST_PORT + 1, PORTS_EACH):
         if port not in taken:
             return port
-    raise UserError(
-        "the ports of all boards are taken; give the first of ten of your own with --port, or remove a board"
-    )
-
-
-def _make_disk(board: EmulatedBoard, image: BoardImage) -> None:
-    make_overlay(board.disk, image.disk, "qcow2")
-    board.early.write_bytes(image.early.read_bytes() + _seed(board))
-
-
-def _seed(board: EmulatedBoard) -> bytes:
-    return gzip.compress(cpio_archive({f"seed/{path}": file for path, file in seed_files(board).items()}), mtime=0)
+    raise UserError("all ports for boards are taken; set the first of ten other ports with --port, or remove a board")
 
 
 def start(
@@ -82,23 +76,21 @@ def start(
 
     port, network: None for the values of the last start. Raises UserError.
     """
-    kept = the_board(name)
+    recorded = the_board(name)
     if network not in (None, FORWARDED, NAMESPACE):
-        raise UserError(f"--network {network}: no network of boards; use {FORWARDED} or {NAMESPACE}")
-    board = replace(kept, port=port or kept.port, network=network or kept.network)
+        raise UserError(f"--network {network}: is not a network of boards; use {FORWARDED} or {NAMESPACE}")
+    board = replace(recorded, port=port or recorded.port, network=network or recorded.network)
     require(FOR_RUNNING)
-    if running(kept) is not None:
-        if board != kept:
-            raise UserError(
-                f"{name}: runs already, with another port or network; stop it first: xitl board stop {name}"
-            )
+    if running(recorded) is not None:
+        if board != recorded:
+            raise UserError(f"{name}: already runs with another port or network; stop it first: xitl board stop {name}")
         wait_until_up(board, limit_s, progress)
         return board, None
     image = find_image(board.suite)
     if image is None or image.version != board.image:
         raise UserError(
-            f"{name}: was made with image {board.suite}-{board.image}, and this xitl uses "
-            f"{board.suite}-{recipe.recipe_version()}; make it anew: xitl board remove {name}, xitl board create {name}"
+            f"{name}: was made with image {board.suite}-{board.image}, but this xitl uses {board.suite}-"
+            f"{recipe.recipe_version()}; make it again: xitl board remove {name}, xitl board create {name}"
         )
     check_network(board)
     write_ssh_config(board)
@@ -121,14 +113,63 @@ def remove(name: str, images: bool, force: bool = False) -> list[str]:
         board = None
     if board is not None and running(board) is not None:
         if not force:
-            raise UserError(f"{name}: runs; stop it first (xitl board stop {name}), or cut its power with --force")
+            raise UserError(f"{name}: is running; stop it (xitl board stop {name}), or cut its power with --force")
         cut_power(board)
     shutil.rmtree(folder)
     removed = [str(folder)]
     if images:
-        used = {f"{one.suite}-{one.image}" for each in board_names() if (one := find_board(each)) is not None}
-        for at in sorted(images_root().glob("*")):
-            if at.is_dir() and at.name not in used:
-                shutil.rmtree(at)
-                removed.append(str(at))
+        others = [board for board in map(find_board, board_names()) if board is not None]
+        used = {f"{other.suite}-{other.image}" for other in others}
+        for image in sorted(images_root().glob("*")):
+            if image.is_dir() and image.name not in used:
+                shutil.rmtree(image)
+                removed.append(str(image))
     return removed
+
+
+def make_keys(folder: Path, name: str) -> None:
+    """Make both keys if they do not exist, readable only by their owner."""
+    for key, comment in ((LOGIN_KEY, f"xitl board {name}"), (HOST_KEY, name)):
+        file = folder / key
+        if not file.is_file():
+            words = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", comment, "-f", str(file)]
+            checked_run(words, f"{file}: the key cannot be made", "check the permissions of its folder")
+        file.chmod(0o600)
+
+
+def write_ssh_config(board: EmulatedBoard) -> None:
+    """Write settings for `ssh -F` with the board's name and host key."""
+    folder = board.folder
+    public = (folder / f"{HOST_KEY}.pub").read_text(encoding="utf-8").split()
+    (folder / KNOWN).write_text(f"{board.name} {' '.join(public[:2])}\n", encoding="utf-8")
+    settings = {
+        "HostName": board.address,
+        "Port": board.ssh_port,
+        "User": "root",
+        "HostKeyAlias": board.name,
+        "IdentityFile": f'"{folder / LOGIN_KEY}"',
+        "IdentitiesOnly": "yes",
+        "IdentityAgent": "none",
+        "UserKnownHostsFile": f'"{folder / KNOWN}"',
+        "GlobalKnownHostsFile": "/dev/null",
+        "StrictHostKeyChecking": "yes",
+        "BatchMode": "yes",
+        "LogLevel": "ERROR",
+    }
+    if board.network == NAMESPACE:
+        words = shlex.join([sys.executable, "-IS", namespace.__file__, str(board.pid_file)])
+        settings |= {"ProxyCommand": f"{words.replace('%', '%%')} %h %p", "ProxyUseFdpass": "yes"}
+    lines = [f"Host {board.name}", *(f"  {name} {value}" for name, value in settings.items())]
+    board.ssh_config.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def seed_files(board: EmulatedBoard) -> dict[str, tuple[int, bytes]]:
+    """Return the files that turn an image into this board, by path on its disk: its name and its keys."""
+    host, login = board.folder / HOST_KEY, board.folder / f"{LOGIN_KEY}.pub"
+    return {
+        "etc/hostname": (0o644, f"{board.name}\n".encode()),
+        "etc/hosts": (0o644, f"127.0.0.1 localhost {board.name}\n".encode()),
+        f"etc/ssh/{HOST_KEY}": (0o600, host.read_bytes()),
+        f"etc/ssh/{HOST_KEY}.pub": (0o644, Path(f"{host}.pub").read_bytes()),
+        "root/.ssh/authorized_keys": (0o600, login.read_bytes()),
+    }

@@ -1,6 +1,6 @@
 """The network namespace of an emulator: its process holds it, other processes enter it.
 
-ssh starts this file as a program (ProxyCommand in `keys.py`) in any environment. It therefore imports only the standard
+ssh starts this file as a program (ProxyCommand in `life.py`) in any environment. It therefore imports only the standard
 library.
 """
 

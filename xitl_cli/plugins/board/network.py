@@ -55,11 +55,21 @@ def check_network(board: EmulatedBoard) -> None:
         _check_namespace(board)
         return
     for port in board.ports:
-        _check_free(board, port)
+        for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+            with socket.socket(socket.AF_INET, kind) as probe:
+                if kind == socket.SOCK_STREAM:
+                    probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                try:
+                    probe.bind((board.address, port))
+                except OSError:
+                    raise UserError(
+                        f"{board.name}: another program uses port {port} of {board.address}; end it, or start the "
+                        "board on other ports with --port N"
+                    ) from None
 
 
 def _check_namespace(board: EmulatedBoard) -> None:
-    require(FOR_NAMESPACE, "a board in a network namespace of its own")
+    require(FOR_NAMESPACE, "a board in a separate network namespace")
     otherwise = f"or start it with forwarded ports: xitl board start {board.name} --network {FORWARDED}"
     try:
         os.close(os.open(TUN, os.O_RDWR))
@@ -68,24 +78,10 @@ def _check_namespace(board: EmulatedBoard) -> None:
         raise UserError(f"{board.name}: {TUN} cannot be opened ({error.strerror}); {todo}, {otherwise}") from None
     checked_run(
         started_in(board, ["true"]),
-        f"{board.name}: no network namespace can be made here",
+        f"{board.name}: this machine cannot make a network namespace",
         "start it as root, allow user namespaces (user.max_user_namespaces and, on Ubuntu, "
         f"kernel.apparmor_restrict_unprivileged_userns of sysctl), {otherwise}",
     )
-
-
-def _check_free(board: EmulatedBoard, port: int) -> None:
-    for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
-        with socket.socket(socket.AF_INET, kind) as probe:
-            if kind == socket.SOCK_STREAM:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind((board.address, port))
-            except OSError:
-                raise UserError(
-                    f"{board.name}: port {port} of {board.address} is in use by another program; end it, or start the "
-                    "board on others with --port N"
-                ) from None
 
 
 def is_reached(board: EmulatedBoard, pid: int) -> bool:
@@ -94,7 +90,7 @@ def is_reached(board: EmulatedBoard, pid: int) -> bool:
         return board.network == FORWARDED or shares_network(pid)
     except OSError as error:
         raise UserError(
-            f"{board.name}: its network namespace cannot be seen ({error.strerror}); be the user who started it"
+            f"{board.name}: its network namespace is not visible ({error.strerror}); use the user who started it"
         ) from None
 
 

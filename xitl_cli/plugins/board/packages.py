@@ -16,7 +16,7 @@ from xitl_cli.plugins.board.tools import checked_run
 
 KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
 LONGEST_S = 900.0
-_OTHER = "give a Debian mirror with --mirror URL"
+_OTHER = "set a Debian mirror with --mirror URL"
 _KERNEL = re.compile(r"Depends: (linux-image-\S+)")
 
 
@@ -37,17 +37,15 @@ def fetch(suite: str, mirror: str | None, work: Path) -> FetchedPackages:
     """
     if not KEYRING.is_file():
         raise UserError(f"{KEYRING}: missing, with Debian's keys; install it: apt install debian-archive-keyring")
-    apt = _Apt(work, suite, mirror or _own_mirror())
+    if mirror is None:
+        targets = ["indextargets", "--no-release-info", "--format", "$(REPO_URI)", "Created-By: Packages"]
+        lines = checked_run(["apt-get", *targets], "apt does not list its mirrors", _OTHER).splitlines()
+        mirror = next((line.strip() for line in lines if line.rstrip("/").endswith("/debian")), None)
+        if mirror is None:
+            raise UserError(f"apt has no Debian mirror here (an address that ends in /debian); {_OTHER}")
+    apt = _Apt(work, suite, mirror)
     apt.update()
     return FetchedPackages(apt.fetch_all(recipe.packages_of(suite)), apt.fetch_kernel(), apt.fetch_one(recipe.BUSYBOX))
-
-
-def _own_mirror() -> str:
-    targets = ["indextargets", "--no-release-info", "--format", "$(REPO_URI)", "Created-By: Packages"]
-    for line in checked_run(["apt-get", *targets], "apt does not tell its mirrors", _OTHER).splitlines():
-        if line.rstrip("/").endswith("/debian"):
-            return line.strip()
-    raise UserError(f"apt knows no Debian mirror here, an address that ends in /debian; {_OTHER}")
 
 
 class _Apt:
@@ -90,27 +88,27 @@ class _Apt:
         wanted = ["install", "--yes", "--download-only", "?essential", *packages]
         self._get(wanted, "its packages cannot be fetched")
         self._empty.mkdir(parents=True, exist_ok=True)
-        said = self._get(
+        output = self._get(
             [*wanted, "--print-uris", "-o", f"Dir::Cache::archives={self._empty.parent}"], "cannot be listed"
         )
-        names = re.findall(r"^'[^']*' (\S+\.deb) ", said, re.MULTILINE)
+        names = re.findall(r"^'[^']*' (\S+\.deb) ", output, re.MULTILINE)
         return tuple(sorted(self._archives / name for name in names))
 
     def fetch_kernel(self) -> Path:
-        said = checked_run(
-            ["apt-cache", *self._options, "depends", recipe.KERNEL], "the kernel's package is not there", _OTHER
+        output = checked_run(
+            ["apt-cache", *self._options, "depends", recipe.KERNEL], "the kernel's package does not exist", _OTHER
         )
-        named = _KERNEL.search(said)
+        named = _KERNEL.search(output)
         if named is None:
             raise UserError(
-                f"Debian {self._suite}: has no {recipe.KERNEL} at this mirror; give another with --mirror URL"
+                f"Debian {self._suite}: has no {recipe.KERNEL} at this mirror; use another mirror with --mirror URL"
             )
         return self.fetch_one(named[1])
 
     def fetch_one(self, package: str) -> Path:
         """Fetch one package without its dependencies."""
-        said = self._get(["download", "--print-uris", package], "is not there")
-        named = re.search(r"^'[^']*' (\S+\.deb) ", said, re.MULTILINE)
+        output = self._get(["download", "--print-uris", package], "does not exist")
+        named = re.search(r"^'[^']*' (\S+\.deb) ", output, re.MULTILINE)
         if named is None:
             raise UserError(f"Debian {self._suite}: has no package {package} for {recipe.ARCHITECTURE} at this mirror")
         file = self._archives / named[1]
@@ -118,11 +116,11 @@ class _Apt:
             self._get(["download", package], "cannot be fetched", cwd=self._archives)
         return file
 
-    def _get(self, arguments: list[str], what: str, cwd: Path | None = None) -> str:
+    def _get(self, arguments: list[str], failure: str, cwd: Path | None = None) -> str:
         return checked_run(
             ["apt-get", "-q", *self._options, *arguments],
-            f"Debian {self._suite}: {what}",
-            "check the network, or give another mirror with --mirror URL; what was fetched is kept",
+            f"Debian {self._suite}: {failure}",
+            "check the network, or use another mirror with --mirror URL; completed downloads are kept",
             cwd=cwd,
             timeout_s=LONGEST_S,
         )

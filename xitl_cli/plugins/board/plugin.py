@@ -30,7 +30,7 @@ def _add(app: typer.Typer, name: str) -> None:
     app.command("remove")(command.remove)
 
 
-COMMAND = Command("An ARMv7 board with a Debian of its own, emulated on this machine.", _add, group=True)
+COMMAND = Command("Make and run emulated ARMv7 boards with Debian.", _add, group=True)
 
 
 def running_board(name: str, port: int | None, identity: Path | None, ssh_config: Path | None) -> Board:

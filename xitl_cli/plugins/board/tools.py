@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from xitl_cli.errors import UserError
@@ -26,12 +26,14 @@ _ALSO = "/usr/sbin:/sbin"  # folders that only root's PATH contains
 _LAST_LINES = 3
 
 
-def require(programs: dict[str, str], what: str = "an emulated board") -> None:
-    """Raises UserError with the packages of all missing programs. what: the feature that needs them."""
+def require(programs: dict[str, str], feature: str = "an emulated board") -> None:
+    """Raise UserError with the packages of all missing programs. feature: it needs them."""
     missing = {name: package for name, package in programs.items() if find_program(name) is None}
     if missing:
+        *others, last = sorted(missing)
+        names = f"{', '.join(others)} and {last}" if others else last
         raise UserError(
-            f"{what} needs {_list(missing)}, which this machine has not; install it, on Debian or Ubuntu: "
+            f"{feature} needs {names}, which this machine does not have; install it, on Debian or Ubuntu: "
             f"apt install {' '.join(sorted(set(missing.values())))}"
         )
 
@@ -42,9 +44,9 @@ def find_program(name: str) -> str | None:
 
 
 def checked_run(
-    command: Sequence[str], what: str, todo: str, cwd: Path | None = None, timeout_s: float | None = None
+    command: Sequence[str], failure: str, todo: str, cwd: Path | None = None, timeout_s: float | None = None
 ) -> str:
-    """Return its standard output. Raises UserError with the failed task `what`, its last lines, and the fix `todo`."""
+    """Return its standard output. Raises UserError with the sentence `failure`, its last lines, and the fix `todo`."""
     words = [find_program(command[0]) or command[0], *command[1:]]
     try:
         done = subprocess.run(
@@ -52,19 +54,16 @@ def checked_run(
             timeout=timeout_s, check=False,
         )  # fmt: skip
     except FileNotFoundError:
-        raise UserError(f"{what}: there is no {command[0]} on this machine; {todo}") from None
+        raise UserError(f"{failure}: there is no {command[0]} on this machine; {todo}") from None
     except subprocess.TimeoutExpired:
-        raise UserError(f"{what}: {command[0]} did not end within {timeout_s:.0f} s; {todo}") from None
+        raise UserError(f"{failure}: {command[0]} did not end within {timeout_s:.0f} s; {todo}") from None
     if done.returncode:
-        raise UserError(f"{what} ({last_words(done.stderr or done.stdout) or f'exit code {done.returncode}'}); {todo}")
+        raise UserError(
+            f"{failure} ({last_words(done.stderr or done.stdout) or f'exit code {done.returncode}'}); {todo}"
+        )
     return done.stdout
 
 
 def last_words(text: str) -> str:
     """Return the last lines of a program's output in one line."""
     return " / ".join([line.strip() for line in text.splitlines() if line.strip()][-_LAST_LINES:])
-
-
-def _list(names: Iterable[str]) -> str:
-    *others, last = sorted(names)
-    return f"{', '.join(others)} and {last}" if others else last

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from xitl_cli.firmware.cache import CachedFirmware
 
 VehicleArgument = Annotated[str, typer.Argument(metavar="VEHICLE", help="rover (boats too), plane, copter or sub.")]
-Version = Annotated[str, typer.Option(help="stable, beta, latest, or numbers: 4.6.3, or 4.6 for the newest of them.")]
+Version = Annotated[str, typer.Option(help="stable, beta, latest, or a number: 4.6.3, or 4.6 for its newest release.")]
 Board = Annotated[
     str | None,
     typer.Option(help="sitl, sitl-armhf, or a board's folder on the server (default: the sitl of this machine)."),
 ]
-Url = Annotated[str | None, typer.Option("--url", metavar="BASE", help="A mirror of https://firmware.ardupilot.org.")]
+Url = Annotated[str | None, typer.Option("--url", metavar="BASE", help="Mirror of https://firmware.ardupilot.org.")]
 
 
 def get(
@@ -32,11 +32,11 @@ def get(
     board: Board = None,
     url: Url = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Download it again, from the start, over what is there.")
+        bool, typer.Option("--overwrite", help="Download the file again and replace the existing one.")
     ] = False,
     pinned: Annotated[
         str,
-        typer.Option("--sha256", metavar="HEX", help="Refuse any other file than the one with this SHA-256."),
+        typer.Option("--sha256", metavar="HEX", help="Accept only the file with this SHA-256."),
     ] = "",
     as_json: Json = False,
 ) -> None:
@@ -44,6 +44,8 @@ def get(
     from xitl_cli.plugins.firmware.download import fetch_firmware
     from xitl_cli.plugins.firmware.server import BASE
 
+    if pinned and not re.fullmatch(r"[0-9a-fA-F]{64}", pinned):
+        raise UserError(f"--sha256 {pinned}: is not a SHA-256; write its 64 hexadecimal digits")
     console = terminal(stderr=as_json, soft_wrap=True)
     shown = console.is_terminal and not as_json
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
@@ -56,7 +58,7 @@ def get(
             bar.update(task, completed=done, total=total)
 
     try:
-        fetched = fetch_firmware(vehicle, version, board, url or BASE, overwrite, progress, _digest(pinned))
+        fetched = fetch_firmware(vehicle, version, board, url or BASE, overwrite, progress, pinned)
     finally:
         if shown:
             bar.stop()
@@ -65,9 +67,8 @@ def get(
         return
     cached = fetched.cached
     record = cached.record
-    what = f"{vehicle} {record.version or cached.version} for {cached.board}"
-    how = "downloaded" if fetched.fresh else "is here already"
-    console.print(f"{what}: {how}", markup=False)
+    state = "downloaded" if fetched.fresh else "exists already"
+    console.print(f"{vehicle} {record.version or cached.version} for {cached.board}: {state}", markup=False)
     console.print(f"  {cached.file}", markup=False)
     if record.verified:
         console.print(f"  checked: {', '.join(record.verified)}", markup=False)
@@ -77,7 +78,7 @@ def get(
 
 def list_firmware(
     available: Annotated[
-        str | None, typer.Option("--available", metavar="VEHICLE", help="Ask the server which releases there are.")
+        str | None, typer.Option("--available", metavar="VEHICLE", help="List the releases of the server.")
     ] = None,
     url: Url = None,
     as_json: Json = False,
@@ -90,26 +91,26 @@ def list_firmware(
     console = terminal(soft_wrap=True)
     if available is not None:
         if available not in PROGRAMS:
-            raise UserError(f"{available}: no firmware is known for it; use one of {', '.join(PROGRAMS)}")
-        found = list_releases(url or BASE, available, read_text)
+            raise UserError(f"{available}: is not a vehicle with firmware; use one of {', '.join(PROGRAMS)}")
+        releases = list_releases(url or BASE, available, read_text)
         if as_json:
-            _print_json({"vehicle": available, "releases": [*MOVING_VERSIONS, *found]})
+            _print_json({"vehicle": available, "releases": [*MOVING_VERSIONS, *releases]})
         else:
-            console.print("  ".join([*MOVING_VERSIONS, *found]), markup=False)
+            console.print("  ".join([*MOVING_VERSIONS, *releases]), markup=False)
         return
     all_cached = list_cached()
     if as_json:
-        _print_json({"folder": str(firmware_root()), "firmware": [_row(one) for one in all_cached]})
+        _print_json({"folder": str(firmware_root()), "firmware": [_row(cached) for cached in all_cached]})
         return
     if not all_cached:
-        console.print(f"{firmware_root()}: no firmware yet; bring some with `xitl firmware get rover`", markup=False)
+        console.print(f"{firmware_root()}: no firmware yet; download some with `xitl firmware get rover`", markup=False)
         return
     rows = []
-    for one in all_cached:
-        record = one.record
-        size = str(record.size or one.file.stat().st_size)
-        version = record.version or "put there by hand"
-        rows.append([one.vehicle, one.version, one.board, version, size, record.git[:8]])
+    for cached in all_cached:
+        record = cached.record
+        size = str(record.size or cached.file.stat().st_size)
+        version = record.version or "copied by hand"
+        rows.append([cached.vehicle, cached.version, cached.board, version, size, record.git[:8]])
     show_rows(console, ("vehicle", "version", "board", "is", "bytes", "commit"), rows, text=(0, 1, 2, 3, 5))
 
 
@@ -118,36 +119,34 @@ def path(
     version: Annotated[str | None, typer.Option(help="Only this version.")] = None,
     board: Annotated[str | None, typer.Option(help="Only for this board.")] = None,
 ) -> None:
-    """Print the path of a firmware in the cache, the one that `xitl sim` would take unless more is said."""
+    """Print the path of a firmware in the cache; by default, the one that `xitl sim` would use."""
     from xitl_cli.firmware.cache import find_program, firmware_root, list_cached
 
     if version is None and board is None:
         chosen = find_program(vehicle, "sitl")
     else:
-        fitting = (one for one in list_cached(vehicle) if version in (None, one.version) and board in (None, one.board))
-        chosen = next((one.file for one in fitting), None)
+        matching = (
+            cached.file
+            for cached in list_cached(vehicle)
+            if version in (None, cached.version) and board in (None, cached.board)
+        )
+        chosen = next(matching, None)
     if chosen is None:
         raise UserError(
-            f"{firmware_root()}: holds no such firmware of {vehicle}; bring it with `xitl firmware get {vehicle}`"
+            f"{firmware_root()}: has no such firmware of {vehicle}; download it with `xitl firmware get {vehicle}`"
         )
     typer.echo(chosen)
 
 
-def _row(one: CachedFirmware) -> dict[str, Any]:
+def _row(cached: CachedFirmware) -> dict[str, Any]:
     row: dict[str, Any] = {
-        "vehicle": one.vehicle,
-        "asked_version": one.version,
-        "board": one.board,
-        "file": str(one.file),
+        "vehicle": cached.vehicle,
+        "asked_version": cached.version,
+        "board": cached.board,
+        "file": str(cached.file),
     }
-    return {**row, **asdict(one.record)}
+    return {**row, **asdict(cached.record)}
 
 
 def _print_json(row: dict[str, Any]) -> None:
     typer.echo(json.dumps(row, indent=2, ensure_ascii=False))
-
-
-def _digest(text: str) -> str:
-    if text and not re.fullmatch(r"[0-9a-fA-F]{64}", text):
-        raise UserError(f"--sha256 {text}: is no SHA-256; give its 64 hexadecimal digits")
-    return text

@@ -88,22 +88,29 @@ def fetch_firmware(
         folder = server.find_folder(base, vehicle, version, board, read_text)
         cached = cache.find_cached(vehicle, folder.version, board)
         if cached is not None and not force and folder.version not in server.MOVING_VERSIONS:
-            return _found(cached, pinned)
+            return _cached(cached, pinned)
         published = server.published_version(folder, read_text)
         if cached is not None and not force and cached.record.git and cached.record.git == published.git:
-            return _found(cached, pinned)
+            return _cached(cached, pinned)
         if cached is not None and not pinned and folder.version not in server.MOVING_VERSIONS:
             pinned = cached.record.sha256
-        return _download(folder, published, progress, pinned)
+        target = cache.cache_folder(vehicle, folder.version, board)
+        for name in cache.file_names(vehicle, board):
+            try:
+                return _download_file(folder, published, target / name, progress, pinned)
+            except RefusedError as error:
+                if error.status != _NOT_FOUND:
+                    raise
+        raise server.not_found(folder, read_text)
     except UnreachableError as error:
         known = version in server.MOVING_VERSIONS and vehicle in cache.PROGRAMS and not force
         cached = cache.find_cached(vehicle, version, board) if known else None
         if cached is not None:
-            return _found(cached, pinned, note=f"the copy in the cache is used: {error}")
+            return _cached(cached, pinned, note=f"the copy in the cache is used: {error}")
         raise UnreachableError(f"{error}; {_manual_way(vehicle, version, board, base)}") from None
 
 
-def _found(cached: CachedFirmware, pinned: str, note: str = "") -> FetchedFirmware:
+def _cached(cached: CachedFirmware, pinned: str, note: str = "") -> FetchedFirmware:
     """Return the copy in the cache. Raises UserError if it is not the pinned file."""
     try:
         check_pin(cached.file, pinned)
@@ -124,17 +131,6 @@ def read_text(url: str) -> str | None:
         raise
     except _BROKEN as error:
         raise UnreachableError(f"{url}: the connection broke ({_reason(error)}); try again") from None
-
-
-def _download(folder: FirmwareFolder, published: PublishedVersion, progress: Progress, pinned: str) -> FetchedFirmware:
-    target = cache.cache_folder(folder.vehicle, folder.version, folder.board)
-    for name in cache.file_names(folder.vehicle, folder.board):
-        try:
-            return _download_file(folder, published, target / name, progress, pinned)
-        except RefusedError as error:
-            if error.status != _NOT_FOUND:
-                raise
-    raise server.not_found(folder, read_text)
 
 
 def _download_file(
@@ -163,10 +159,10 @@ def _download_file(
     except OSError as error:
         where = error.filename or target
         raise UserError(
-            f"{where}: cannot be written ({error.strerror}); free or choose another place: XITL_CACHE"
+            f"{where}: cannot be written ({error.strerror}); free space, or choose another folder with XITL_CACHE"
         ) from None
     missing = published.git and f"commit {published.git[:8]}" not in verified
-    note = f"commit {published.git[:8]} is not found in it" if missing else ""
+    note = f"commit {published.git[:8]} does not occur in the file" if missing else ""
     return FetchedFirmware(CachedFirmware(folder.vehicle, folder.version, folder.board, target, record), True, note)
 
 
@@ -176,23 +172,27 @@ def _receive(url: str, file: Path, progress: Progress) -> int:
         announced = answer.headers.get("Content-Length", "")
         total = int(announced) if announced.isascii() and announced.isdigit() and len(announced) < 18 else None
         if total is not None and total > MAX_FIRMWARE_BYTES:
-            raise UserError(f"{url}: has {total} bytes, which is no firmware; check the address")
+            raise UserError(f"{url}: has {total} bytes, which is too large for firmware; check the address")
         size = 0
         progress(size, total)
         while True:
             try:
                 chunk = answer.read(CHUNK_BYTES)
             except _BROKEN as error:
-                raise UnreachableError(f"{url}: broke off after {size} bytes ({_reason(error)}); try again") from None
+                raise UnreachableError(
+                    f"{url}: the connection broke after {size} bytes ({_reason(error)}); try again"
+                ) from None
             if not chunk:
                 break
             out.write(chunk)
             size += len(chunk)
             progress(size, total)
             if size > MAX_FIRMWARE_BYTES:
-                raise UserError(f"{url}: does not end, which is no firmware; check the address")
+                raise UserError(
+                    f"{url}: exceeds {MAX_FIRMWARE_BYTES} bytes, which is too large for firmware; check the address"
+                )
     if total is not None and size != total:
-        raise UnreachableError(f"{url}: broke off ({size} of {total} bytes came); try again")
+        raise UnreachableError(f"{url}: the connection broke after {size} of {total} bytes; try again")
     return size
 
 
@@ -201,7 +201,7 @@ def _open(url: str) -> Any:
     answer.
     """
     if urlsplit(url).scheme not in ("http", "https"):
-        raise UserError(f"{url}: is no web address; write it like https://firmware.ardupilot.org")
+        raise UserError(f"{url}: is not a web address; write it like https://firmware.ardupilot.org")
     request = Request(url, headers={"User-Agent": f"xitl/{__version__}", "Accept-Encoding": "identity"})
     try:
         return build_opener(NoDowngrade()).open(request, timeout=TIMEOUT_S)
@@ -224,7 +224,7 @@ class NoDowngrade(HTTPRedirectHandler):
     ) -> Request | None:
         """Redirect like the base class, or raise URLError."""
         if urlsplit(req.full_url).scheme == "https" and urlsplit(newurl).scheme != "https":
-            raise URLError(f"it points from https to {newurl}")
+            raise URLError(f"it redirects from https to {newurl}")
         return super().redirect_request(req, fp, code, msg, headers, newurl)  # type: ignore[arg-type]
 
 
@@ -233,7 +233,7 @@ def _reason(error: BaseException) -> str:
     if isinstance(inner, ssl.SSLCertVerificationError):
         return f"its certificate is not trusted here: {inner.verify_message}"
     if isinstance(inner, socket.gaierror):
-        return "its name has no address; is there a network?"
+        return "its name has no address; check the network"
     if isinstance(inner, TimeoutError):
         return "no answer in time"
     if isinstance(inner, OSError) and inner.strerror:
@@ -249,6 +249,6 @@ def _manual_way(vehicle: str, version: str, board: str, base: str) -> str:
     url = FirmwareFolder(base.rstrip("/"), vehicle, version, board).url + name if known else base
     target = cache.cache_folder(vehicle, version, board) / name
     return (
-        f"or by hand: bring {url} from a machine with a network to {target} "
-        "and make it executable, or name its path with --firmware"
+        f"or copy {url} by hand from a machine with a network to {target} "
+        "and make it executable, or set its path with --firmware"
     )

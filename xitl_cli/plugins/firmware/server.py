@@ -59,9 +59,9 @@ class PublishedVersion:
 def find_folder(base: str, vehicle: str, version: str, board: str, read_text: ReadText) -> FirmwareFolder:
     """Return the folder of a firmware. Asks the server for the newest release of `4.6` or `4.6.x`. Raises UserError."""
     if vehicle not in PROGRAMS:
-        raise UserError(f"{vehicle}: no firmware is known for it; use one of {', '.join(PROGRAMS)}")
+        raise UserError(f"{vehicle}: is not a vehicle with firmware; use one of {', '.join(PROGRAMS)}")
     if not _NAME.fullmatch(board):
-        raise UserError(f"{board}: is no name of a board; use {SITL}, {SITL_ARMHF} or a folder of {base}")
+        raise UserError(f"{board}: is not a name of a board; use {SITL}, {SITL_ARMHF} or a folder of {base}")
     return FirmwareFolder(base.rstrip("/"), vehicle, _version(base, vehicle, version, read_text), board)
 
 
@@ -81,8 +81,8 @@ def published_version(folder: FirmwareFolder, read_text: ReadText) -> PublishedV
 
 def list_releases(base: str, vehicle: str, read_text: ReadText) -> list[str]:
     """Return all numbered releases, the newest first; empty if the server has no list. Raises UnreachableError."""
-    found = {release[1] for name in _listed(_top(base, vehicle), read_text) if (release := _RELEASE.fullmatch(name))}
-    return sorted(found, key=lambda release: [int(part) for part in release.split(".")], reverse=True)
+    releases = {release[1] for name in _listed(_top(base, vehicle), read_text) if (release := _RELEASE.fullmatch(name))}
+    return sorted(releases, key=lambda release: [int(part) for part in release.split(".")], reverse=True)
 
 
 def not_found(folder: FirmwareFolder, read_text: ReadText) -> UserError:
@@ -95,15 +95,13 @@ def not_found(folder: FirmwareFolder, read_text: ReadText) -> UserError:
         near = (
             get_close_matches(folder.board, known, 3, 0.5) or [name for name in known if name in _BUILDS] or known[:3]
         )
-        return UserError(f"{where}: {above} has no such board; use one of its folders, for instance {', '.join(near)}")
+        return UserError(f"{where}: {above} has no such board; use one of its folders, for example {', '.join(near)}")
     numbered = list_releases(folder.base, folder.vehicle, read_text)
     if numbered and folder.version not in MOVING_VERSIONS and folder.version not in numbered:
         return UserError(
             f"{where}: there is no such release; use {', '.join(numbered[:4])} or one of {', '.join(MOVING_VERSIONS)}"
         )
-    return UserError(
-        f"{where}: {folder.url} is not there; check --version, --board and --url, or look at {folder.base}"
-    )
+    return UserError(f"{where}: {folder.url} does not exist; check --version, --board and --url, or see {folder.base}")
 
 
 def _version(base: str, vehicle: str, version: str, read_text: ReadText) -> str:
@@ -111,16 +109,16 @@ def _version(base: str, vehicle: str, version: str, read_text: ReadText) -> str:
         return version
     numbers = _NUMBERS.fullmatch(version.removeprefix("stable-").removeprefix("v"))
     if numbers is None:
-        raise UserError(f"{version}: is no version; use {', '.join(MOVING_VERSIONS)} or numbers like 4.6.3 or 4.6")
+        raise UserError(f"{version}: is not a version; use {', '.join(MOVING_VERSIONS)} or numbers like 4.6.3 or 4.6")
     major, minor, patch = numbers.groups()
     if patch not in (None, "x"):
         return f"{major}.{minor}.{patch}"
-    found = list_releases(base, vehicle, read_text)
-    for release in found:
+    releases = list_releases(base, vehicle, read_text)
+    for release in releases:
         if release.startswith(f"{major}.{minor}."):
             return release
-    there = f"the newest there are {', '.join(found[:4])}" if found else f"{base} lists none; write all three numbers"
-    raise UserError(f"{version}: no release of {vehicle} is called so; {there}")
+    fix = f"the newest are {', '.join(releases[:4])}" if releases else f"{base} lists none; write all three numbers"
+    raise UserError(f"{version}: is not a release of {vehicle}; {fix}")
 
 
 def _top(base: str, vehicle: str) -> str:
@@ -131,10 +129,10 @@ def _listed(url: str, read_text: ReadText) -> list[str]:
     """Return the names in a folder, in the order of the page: links one step below it, in any notation."""
     page = read_text(url)
     below = urlsplit(url).path
-    found: dict[str, None] = {}
+    names: dict[str, None] = {}
     for link in _LINK.findall(page or ""):
         path = urlsplit(urljoin(url, link)).path.rstrip("/")
         name = unquote(path.removeprefix(below))
         if path.startswith(below) and _NAME.fullmatch(name):
-            found[name] = None
-    return list(found)
+            names[name] = None
+    return list(names)

@@ -23,15 +23,16 @@ def map_command(
         Path, typer.Argument(metavar="RECORDING", help="A recording or bag with lidar clouds, or a run's directory.")
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Where the files go; beside the recording otherwise.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Folder of the files (default: the folder of the recording)."),
     ] = None,
-    kind: Annotated[str, typer.Option("--format", metavar="ply|pcd", help="Of the map.")] = "ply",
+    kind: Annotated[str, typer.Option("--format", metavar="ply|pcd", help="Format of the map.")] = "ply",
     vessel: Vessel = None,
     as_json: Json = False,
 ) -> None:
-    """Run the companion's odometry and mapping over a recording: map, trajectories and how good they are.
+    """Run the companion's odometry and mapping over a recording: map, trajectories and their errors.
 
-    Writes map.ply (or .pcd), trajectory.tum, truth.tum, online.tum and map.json; earlier ones are replaced.
+    Writes map.ply (or .pcd), trajectory.tum, truth.tum, online.tum and map.json, and replaces existing files.
     """
     from xitl_cli.extras import PERCEPTION
     from xitl_cli.logs import open_log
@@ -39,21 +40,23 @@ def map_command(
     from xitl_cli.mapping.rebuild import measure, written
 
     if kind not in _FORMATS:
-        raise UserError(f"--format {kind}: is no format of a map; use ply or pcd")
-    if missing := [package for package in ("kiss_icp", "scipy") if find_spec(package) is None]:
-        raise UserError(f"a map needs {' and '.join(missing)}, which is not installed; {PERCEPTION.pip_line}")
+        raise UserError(f"--format {kind}: is not a format of a map; use ply or pcd")
+    missing = [package for package in ("kiss_icp", "scipy") if find_spec(package) is None]
+    if missing:
+        verb = "is" if len(missing) == 1 else "are"
+        raise UserError(f"a map needs {' and '.join(missing)}, which {verb} not installed; {PERCEPTION.pip_line}")
     with open_log(recording, vessel or "") as log:
         if vessel is None:
             tell_vessels((log.path, log.vessel, log.vessels))
         directory = recording_in(recording).parent / log.vessel if out is None else out
-        found = measure(log)
-        files = written(found, directory, "ply" if kind == "ply" else "pcd")
+        measured = measure(log)
+        files = written(measured, directory, "ply" if kind == "ply" else "pcd")
         tell_damage(log)
     with quiet_pipe():
         if as_json:
-            print(json.dumps({**found.report, "files": [str(file) for file in files]}, allow_nan=False))
+            print(json.dumps({**measured.report, "files": [str(file) for file in files]}, allow_nan=False))
         else:
-            _show(found.report, files)
+            _show(measured.report, files)
 
 
 def _show(report: dict[str, Any], files: list[Path]) -> None:

@@ -64,9 +64,7 @@ RENAMES: tuple[ParameterRename, ...] = (
     ParameterRename("SYSID_ENFORCE", "MAV_OPTIONS", "4.7", "bit 0", values=()),
     ParameterRename("TELEM_DELAY", "MAV_TELEM_DELAY", "4.7"),
     *(ParameterRename(f"SR{port}_{name}", f"MAV{port + 1}_{name}", "4.7") for port in range(7) for name in _STREAMS),
-    ParameterRename(
-        "ARMING_CHECK", "ARMING_SKIPCHK", "4.7", "it names the checks that are left out: 1 becomes 0", ((1.0, 0.0),)
-    ),
+    ParameterRename("ARMING_CHECK", "ARMING_SKIPCHK", "4.7", "it lists the skipped checks: 1 becomes 0", ((1.0, 0.0),)),
 )
 
 
@@ -83,15 +81,15 @@ def in_names_of(present: Mapping[str, float], wanted: Mapping[str, float]) -> di
 
     A parameter without a known counterpart of its value keeps its name.
     """
-    found: dict[str, float] = {}
+    renamed: dict[str, float] = {}
     for name, value in wanted.items():
         rename = None if name in present else other_name(name, present)
         carried = None if rename is None else rename.carried(name, value)
         if rename is None or carried is None:
-            found[name] = value
+            renamed[name] = value
         else:
-            found[rename.new if name == rename.old else rename.old] = carried
-    return found
+            renamed[rename.new if name == rename.old else rename.old] = carried
+    return renamed
 
 
 # -- comparison of present and wanted parameters
@@ -128,8 +126,9 @@ class AbsentParameter:
             since = f"{self.rename.new} since {self.rename.version}{note}"
             return f"this version has it as {self.nearest[0]} = {format_value(self.kept)} ({since})"
         if self.behind:
-            return f"appears after a restart with {self.behind} on"
-        return f"this version has none; nearest: {', '.join(self.nearest)}" if self.nearest else "this version has none"
+            return f"it appears after a restart with {self.behind} on"
+        nearest = f"; similar names: {', '.join(self.nearest)}" if self.nearest else ""
+        return f"this version does not have it{nearest}"
 
 
 @dataclass(frozen=True, slots=True)

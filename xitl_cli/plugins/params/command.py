@@ -25,28 +25,31 @@ SourceArgument = Annotated[
     str,
     typer.Argument(
         metavar="SOURCE",
-        help="A .parm or .params file, a shipped one's name, `defaults`, or a vehicle: udp://… or tcp://…",
+        help="A .parm or .params file, the name of a shipped file, `defaults`, or a vehicle: udp://… or tcp://…",
     ),
 ]
 WantedArgument = Annotated[
-    str, typer.Argument(metavar="FILE|PROFILE", help="A .parm or .params file, a shipped one's name, or a profile.")
+    str,
+    typer.Argument(metavar="FILE|PROFILE", help="A .parm or .params file, the name of a shipped file, or a profile."),
 ]
 
 
 def show(
     source: SourceArgument,
-    pattern: Annotated[str, typer.Option("--filter", metavar="GLOB", help="Only these: 'ATC_*'.")] = "*",
+    pattern: Annotated[str, typer.Option("--filter", metavar="GLOB", help="Pattern of names, such as 'ATC_*'.")] = "*",
     signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
     """Show parameters: value, unit, default and meaning."""
     from xitl_cli.params.values import TABLE_BY_NAME, format_value, read_source
 
-    found = read_source(source, _key(signing_key))
-    values = {name: value for name, value in found.values.items() if fnmatchcase(name, pattern.upper())}
+    parameters = read_source(source, _key(signing_key))
+    values = {name: value for name, value in parameters.values.items() if fnmatchcase(name, pattern.upper())}
     if not values:
-        raise UserError(f"{source}: none of its {len(found.values)} parameters is called like {pattern!r}; try '*'")
-    rows = {name: TABLE_BY_NAME.get(name) if found.described else None for name in values}
+        raise UserError(
+            f"{source}: none of its {len(parameters.values)} parameters matches {pattern!r}; use another pattern"
+        )
+    rows = {name: TABLE_BY_NAME.get(name) if parameters.described else None for name in values}
     if as_json:
         listed = [
             {
@@ -68,27 +71,27 @@ def show(
 
 
 def diff(
-    one: SourceArgument,
+    first: SourceArgument,
     other: SourceArgument,
     signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
-    """Show what differs. Exit code: 0 nothing, 1 something, 2 something to put right."""
+    """Show the differences. Exit code: 0 none, 1 some, 2 an error."""
     from xitl_cli.params.values import differences, format_value, read_source
 
     key = _key(signing_key)
-    found = differences(read_source(one, key), read_source(other, key))
+    differing = differences(read_source(first, key), read_source(other, key))
     if as_json:
-        _print_json({"one": one, "other": other, "differences": [asdict(difference) for difference in found]})
+        _print_json({"one": first, "other": other, "differences": [asdict(difference) for difference in differing]})
     else:
-        rows = [
-            [each.name, *("–" if value is None else format_value(value) for value in (each.one, each.other))]
-            for each in found
-        ]
-        show_rows(terminal(), ("name", one, other), rows)
-        if not found:
+        rows = []
+        for parameter in differing:
+            values = (parameter.one, parameter.other)
+            rows.append([parameter.name, *("–" if value is None else format_value(value) for value in values)])
+        show_rows(terminal(), ("name", first, other), rows)
+        if not differing:
             typer.echo("no differences")
-    raise typer.Exit(1 if found else 0)
+    raise typer.Exit(1 if differing else 0)
 
 
 def set_values(
@@ -101,9 +104,19 @@ def set_values(
     from xitl_cli.params.vehicle import connect
     from xitl_cli.plugins.params.push import set_differing
 
-    wanted = dict(_assignment(text) for text in assignments)
+    wanted: dict[str, float] = {}
+    for text in assignments:
+        name, separator, value = text.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not (separator and name.strip() and math.isfinite(number)):
+            raise UserError(f"{text!r} is not NAME=VALUE with a number; write for example WP_SPEED=2.5")
+        wanted[name.strip().upper()] = number
     with connect(_vehicle(vehicle), _key(signing_key)) as reached:
-        present = {name: value for name in wanted if (value := reached.read(name)) is not None}
+        read = {name: reached.read(name) for name in wanted}
+        present = {name: value for name, value in read.items() if value is not None}
         changes = set_differing(reached, wanted, present, complete=False)
     _report(vehicle, changes, len(wanted), as_json)
 
@@ -112,15 +125,18 @@ def push(
     source: WantedArgument,
     vehicle: VehicleAddress,
     with_script: Annotated[
-        bool, typer.Option("--with-script", help="Bring the script for HIL messages to an ArduPilot as well.")
+        bool, typer.Option("--with-script", help="Also install the script for HIL messages on an ArduPilot.")
     ] = False,
     reboot: Annotated[
-        bool, typer.Option("--reboot", help="Restart the vehicle, and set what appears only then, until all is set.")
+        bool,
+        typer.Option(
+            "--reboot", help="Restart the vehicle, and set parameters that appear only then, until all are set."
+        ),
     ] = False,
     signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
-    """Set on a vehicle what differs from a file or a profile, each value read back."""
+    """Set the parameters of a vehicle that differ from a file or a profile, and read them back."""
     from xitl_cli.params.values import read_wanted
     from xitl_cli.plugins.params.push import push as push_parameters
     from xitl_cli.plugins.params.push import shipped_script
@@ -132,8 +148,12 @@ def push(
             _vehicle(vehicle), _key(signing_key), wanted, script, reboot, lambda text: status.update(Text(text))
         )
     more = {"script": done.script or None, "script_written": done.written, "restarts": done.restarts}
-    notes = [f"{done.script} {'written' if done.written else 'is there already'}"] if done.script else []
-    notes += ["a restart is due: --reboot, or its power off and on"] if done.restart_due and (reboot or script) else []
+    notes = [f"{done.script} {'written' if done.written else 'exists already'}"] if done.script else []
+    notes += (
+        ["the vehicle needs a restart: use --reboot, or switch its power off and on"]
+        if done.restart_due and (reboot or script)
+        else []
+    )
     _report(vehicle, list(done.changes), len(wanted), as_json, more if with_script or reboot else {}, notes)
 
 
@@ -143,9 +163,9 @@ def check(
     signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
-    """Hold a vehicle against a file or a profile: what differs, what its version does not have.
+    """Compare a vehicle with a file or a profile: different values, and parameters that its version does not have.
 
-    Exit code: 0 nothing, 1 something, 2 something to put right.
+    Exit code: 0 no difference, 1 some, 2 an error.
     """
     from xitl_cli.params.values import read_wanted
     from xitl_cli.params.vehicle import connect
@@ -154,53 +174,54 @@ def check(
     wanted = read_wanted(source)
     with connect(_vehicle(vehicle), _key(signing_key)) as reached:
         version = firmware_name(reached)
-        found = check_parameters(wanted, reached.read_all())
+        findings = check_parameters(wanted, reached.read_all())
     if as_json:
-        _print_json({"source": source, "vehicle": vehicle, "firmware": version, **asdict(found)})
+        _print_json({"source": source, "vehicle": vehicle, "firmware": version, **asdict(findings)})
     else:
-        _show_findings(version, found)
-    raise typer.Exit(0 if found.fine else 1)
+        _show_findings(version, findings)
+    raise typer.Exit(0 if findings.fine else 1)
 
 
 def pull(
     vehicle: VehicleAddress,
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Where to write: NAME.parm, or NAME.params as QGroundControl does.")
+        Path,
+        typer.Argument(metavar="FILE", help="File to write: NAME.parm, or NAME.params in QGroundControl's format."),
     ],
     overwrite: Overwrite = False,
     signing_key: SigningKey = None,
     as_json: Json = False,
 ) -> None:
-    """Write all parameters of a vehicle into a file, each with what it means."""
+    """Write all parameters of a vehicle into a file, each with its meaning."""
     from xitl_cli.params.values import file_text, read_source
 
     if file.exists() and not overwrite:
         raise UserError(f"{file}: exists; choose another name or add --overwrite")
     if not file.absolute().parent.is_dir():
-        raise UserError(f"{file.parent}: is no directory; make it first")
-    found = read_source(_vehicle(vehicle), _key(signing_key))
+        raise UserError(f"{file.parent}: is not a folder; make it first")
+    parameters = read_source(_vehicle(vehicle), _key(signing_key))
     try:
-        file.write_text(file_text(found, file.name), encoding="utf-8")
+        file.write_text(file_text(parameters, file.name), encoding="utf-8")
     except OSError as error:
         raise UserError(f"{file}: cannot be written ({error.strerror}); choose another place") from error
     if as_json:
-        _print_json({"vehicle": vehicle, "file": str(file), "count": len(found.values)})
+        _print_json({"vehicle": vehicle, "file": str(file), "count": len(parameters.values)})
     else:
-        terminal(soft_wrap=True).print(f"{file}: {len(found.values)} parameters", markup=False)
+        terminal(soft_wrap=True).print(f"{file}: {len(parameters.values)} parameters", markup=False)
 
 
-def _show_findings(version: str, found: ParameterFindings) -> None:
+def _show_findings(version: str, findings: ParameterFindings) -> None:
     from xitl_cli.params.values import format_value
 
     console = terminal(soft_wrap=True)
     console.print(version)
-    differs = [[each.name, format_value(each.wanted), format_value(each.kept)] for each in found.differs]
+    differs = [[row.name, format_value(row.wanted), format_value(row.kept)] for row in findings.differs]
     show_rows(console, ("name", "wanted", "vehicle"), differs)
-    for missing in found.absent:
+    for missing in findings.absent:
         console.print(
             f"{missing.name} = {format_value(missing.wanted)}: {missing.sentence(format_value)}", markup=False
         )
-    console.print(f"{found.same} as they should be, {len(found.differs)} differ, {len(found.absent)} are not there")
+    console.print(f"{findings.same} agree, {len(findings.differs)} differ, {len(findings.absent)} do not exist")
 
 
 def _report(
@@ -241,9 +262,7 @@ def _report(
                 console.print(f"{change.name} = {before}{format_value(change.wanted)}", markup=False)
         for line in notes:
             console.print(line, markup=False)
-        console.print(
-            f"{len(changes) - len(refused)} set, {len(refused)} refused, {asked - len(changes)} were so already"
-        )
+        console.print(f"{len(changes) - len(refused)} set, {len(refused)} refused, {asked - len(changes)} unchanged")
     if refused:
         first, more = refused[0], len(refused) - 1
         raise UserError(
@@ -253,22 +272,13 @@ def _report(
         )
 
 
-def _assignment(text: str) -> tuple[str, float]:
-    name, separator, value = text.partition("=")
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
-    if not (separator and name.strip() and math.isfinite(number)):
-        raise UserError(f"{text!r} sets nothing; write NAME=VALUE with a number, such as WP_SPEED=2.5")
-    return name.strip().upper(), number
-
-
 def _vehicle(url: str) -> str:
     from xitl_cli.params.values import is_vehicle
 
     if not is_vehicle(url):
-        raise UserError(f"{url!r} is no vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0")
+        raise UserError(
+            f"{url!r} is not an address of a vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0"
+        )
     return url
 
 

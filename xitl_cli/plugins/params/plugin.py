@@ -21,4 +21,4 @@ def _add(app: typer.Typer, name: str) -> None:
     app.command("check")(command.check)
 
 
-COMMAND = Command("Read, compare and set parameters of a vehicle.", _add, group=True)
+COMMAND = Command("Read, compare and set the parameters of a vehicle.", _add, group=True)

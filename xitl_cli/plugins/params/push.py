@@ -23,7 +23,7 @@ MOST_RESTARTS = 3
 MOST_ROUNDS = 6
 _CALIBRATED = "INS_ACC_ID"
 _AHRS, _PORTS = "EAHRS_TYPE", "SCR_"
-_WAITS = "it comes last, when the port that it listens at is there; add --reboot"
+_WAITS = "it must be set last, after its port has appeared; add --reboot"
 NAME = "xitl_hil.lua"
 BOARD_ROOT, BOARD_FOLDER = "/APM", "/APM/scripts"
 PLAIN_FOLDER = "scripts"  # on simulated vehicles and Linux boards, relative to the working directory of their program
@@ -83,7 +83,7 @@ def push(
     while True:
         with reached as vehicle:
             if script is not None and vehicle.px4:
-                raise UserError(f"{url}: is a PX4, and the script is for ArduPilot; push without --with-script")
+                raise UserError(f"{url}: is a PX4, but the script is for ArduPilot; remove --with-script")
             if script is not None and not path:
                 path, written = install_script(vehicle, script, lambda done: progress(f"script {done:.0%}"))
             fresh = _set_all(vehicle, wanted, changes)
@@ -166,8 +166,8 @@ def set_differing(
                 changes.append(PushedParameter(name, value, before, answer.kept))
                 continue
             kept = "does not answer" if answer.kept is None else f"keeps {format_value(answer.kept)}"
-            said = f": {answer.texts[-1]}" if answer.texts else ""
-            changes.append(PushedParameter(name, value, before, answer.kept, f"the vehicle {kept}{said}"))
+            message = f": {answer.texts[-1]}" if answer.texts else ""
+            changes.append(PushedParameter(name, value, before, answer.kept, f"the vehicle {kept}{message}"))
     return changes
 
 
@@ -197,13 +197,13 @@ def install_script(
             return path, False
         files.run(make_folder(folder))
         files.run(write_file(path, content, progress))
-        found = files.run(read_checksum(path))
+        written = files.run(read_checksum(path))
     except FtpRefusedError as refusal:
         raise UserError(
-            f"the script could not be brought to the vehicle: {refusal}; check that it has a memory card"
+            f"the script cannot be installed on the vehicle: {refusal}; check that it has a memory card"
         ) from None
-    if found != wanted:
-        raise UserError(f"{path}: came out damaged on the vehicle; check its memory card and push again")
+    if written != wanted:
+        raise UserError(f"{path}: is damaged on the vehicle; check its memory card and push again")
     return path, True
 
 
@@ -211,7 +211,7 @@ def accept_calibration(vehicle: VehicleConnection) -> None:
     """Accept the stored calibration of IMUs and compasses: injected sensors need none. Raises UserError."""
     if vehicle.command(_MAV_CMD_PREFLIGHT_CALIBRATION, 0, _AS_IT_IS, 0, 0, _AS_IT_IS) != _ACCEPTED:
         raise UserError(
-            "the vehicle does not take the calibration of the injected sensors as it is; "
+            "the vehicle does not accept the calibration of the injected sensors; "
             "disarm it, or choose Force Accel Calibration in a ground station"
         )
 

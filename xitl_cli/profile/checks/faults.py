@@ -73,8 +73,13 @@ def _group(profile: Profile, path: KeyPath, fault: FaultSpec, value: Group) -> I
         )
         return
     # With a world alone, ArduPilot gets only the motion and our IMU.
-    other = autopilot is not None and autopilot.kind != "embedded" and path[-1] in OWN_SIMULATION
-    if other and autopilot.bridge.world is not None and autopilot.bridge.sensors is None:
+    if (
+        autopilot is not None
+        and autopilot.kind != "embedded"
+        and path[-1] in OWN_SIMULATION
+        and autopilot.bridge.world is not None
+        and autopilot.bridge.sensors is None
+    ):
         yield (
             path,
             f"{key} has no effect, because this autopilot simulates its own {path[-1]} from the true motion; "

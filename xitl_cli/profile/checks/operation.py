@@ -197,8 +197,9 @@ def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
             f"but the vessel has {vessel.command_kinds}; use motors",
         )
     elif replay.outputs is not None and len(replay.outputs) != needed:
-        sticks = embedded or mixed or vessel is None
-        target = "steering and throttle" if sticks else f"a vessel with {vessel.command_kinds}"
+        target = "steering and throttle"
+        if vessel is not None and not embedded and not mixed:
+            target = f"a vessel with {vessel.command_kinds}"
         yield finding("driver.replay.outputs", f"= {shown(replay.outputs)} does not fit {target}; use {needed}")
     if replay.rc_channels[0] == replay.rc_channels[1]:
         yield finding(

@@ -18,7 +18,7 @@ from tests.command_line import xitl_app
 from tests.free_ports import free_port
 from tests.golden import Golden
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.board import autopilot, emulator, image, keys, life, namespace, network, packages, recipe, tools
+from xitl_cli.plugins.board import autopilot, emulator, image, life, namespace, network, packages, recipe, tools
 from xitl_cli.plugins.board.command import _commands
 from xitl_cli.plugins.board.four_ways import ways
 from xitl_cli.plugins.board.places import (
@@ -74,7 +74,7 @@ def test_a_board_that_runs_is_removed_only_by_force(board: EmulatedBoard, monkey
     cut: list[EmulatedBoard] = []
     monkeypatch.setattr(life, "running", lambda board: 4711)
     monkeypatch.setattr(life, "cut_power", cut.append)
-    with pytest.raises(UserError, match=r"boat: runs; stop it first \(xitl board stop boat\)"):
+    with pytest.raises(UserError, match=r"boat: is running; stop it \(xitl board stop boat\)"):
         life.remove("boat", images=False)
     assert board.folder.exists()
     assert not cut
@@ -109,7 +109,7 @@ def test_a_suite_that_boards_are_not_made_of() -> None:
 
 
 def test_a_board_is_not_made_over_another(board: EmulatedBoard) -> None:
-    with pytest.raises(UserError, match="boat: is there already; start it"):
+    with pytest.raises(UserError, match="boat: exists already; start it"):
         create("boat")
 
 
@@ -120,7 +120,7 @@ class Disk(NamedTuple):
 def test_too_little_space_is_told_before_anything_is_fetched(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(life, "require", lambda programs: None)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Disk(100 << 20))
-    with pytest.raises(UserError, match=r"100 MiB are free .*make room, or set XITL_CACHE"):
+    with pytest.raises(UserError, match=r"100 MiB are free, .*free space, or set XITL_CACHE"):
         create()
 
 
@@ -161,7 +161,7 @@ def bootable(board: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> EmulatedB
     folder.mkdir(parents=True)
     facts = {"suite": "bookworm", "version": recipe.recipe_version(), "kernel_release": "6.1", "packages": 3}
     (folder / "image.json").write_text(json.dumps(facts))
-    (board.folder / f"{keys.HOST_KEY}.pub").write_text("ssh-ed25519 AAAA boat\n")
+    (board.folder / f"{life.HOST_KEY}.pub").write_text("ssh-ed25519 AAAA boat\n")
     moved = replace(board, port=free_port(10))
     write_record(moved)
     return moved
@@ -173,7 +173,7 @@ def begin(port: int | None = None, chosen: str | None = None) -> None:
 
 def test_a_board_made_with_another_image_is_not_started(bootable: EmulatedBoard) -> None:
     write_record(replace(bootable, image="00000000"))
-    with pytest.raises(UserError, match=r"was made with image bookworm-00000000.*make it anew"):
+    with pytest.raises(UserError, match=r"was made with image bookworm-00000000.*make it again"):
         begin()
 
 
@@ -183,7 +183,7 @@ def test_a_port_in_use_is_named(bootable: EmulatedBoard, kind: socket.SocketKind
         other.bind(("127.0.0.1", bootable.autopilot_port))
         if kind == socket.SOCK_STREAM:
             other.listen()
-        with pytest.raises(UserError, match=rf"port {bootable.autopilot_port} .* is in use .*--port N"):
+        with pytest.raises(UserError, match=rf"another program uses port {bootable.autopilot_port} .*--port N"):
             begin()
 
 
@@ -196,10 +196,10 @@ def test_a_socket_whose_path_is_too_long(bootable: EmulatedBoard, monkeypatch: p
 @pytest.mark.parametrize(
     ("pid", "console", "told"),
     [
-        (1, "one\ntwo\nthree\nfour\n", r"did not come up within 0 s; its console ended with: two / three / four; give"),
-        (1, "", r"its console ended with: nothing at all; give it longer with --timeout"),
+        (1, "one\ntwo\nthree\nfour\n", r"did not boot within 0 s; its console ended with: two / three / four; raise"),
+        (1, "", r"its console ended with: nothing; raise --timeout"),
         (None, "out of memory\n", r"its emulator ended after 0 s; its console ended with: out of memory$"),
-        (1, "Kernel panic - not syncing\n", r"its kernel gave up after 0 s; its console ended with: Kernel panic"),
+        (1, "Kernel panic - not syncing\n", r"its kernel panicked after 0 s; its console ended with: Kernel panic"),
     ],
 )
 def test_a_board_that_does_not_come_up_is_told_with_the_end_of_its_console(
@@ -296,7 +296,7 @@ def test_a_board_that_runs_keeps_its_network(
 
 def test_ssh_goes_through_the_namespace(apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch) -> None:
     def settings(board: EmulatedBoard) -> dict[str, str]:
-        keys.write_ssh_config(board)
+        life.write_ssh_config(board)
         lines = board.ssh_config.read_text().splitlines()
         return dict(line.split(maxsplit=1) for line in lines)
 
@@ -377,7 +377,7 @@ def test_a_shell_where_no_command_is_given(
 ) -> None:
     monkeypatch.setenv("SHELL", "/bin/sh")
     assert typed(monkeypatch, "enter", "boat") == ["/bin/sh"]
-    assert "in the network of boat, which is 192.168.7.2 there" in capsys.readouterr().out
+    assert "in the network of boat, with the address 192.168.7.2" in capsys.readouterr().out
     with pytest.raises(UserError) as refused:
         typed(monkeypatch, "enter", "boat", "no-such-command")
     golden("error", refused.value)
@@ -387,7 +387,7 @@ def test_what_a_start_prints_fits_the_network(bootable: EmulatedBoard) -> None:
     forwarded, apart = (dict(_commands(replace(bootable, network=one))) for one in (FORWARDED, NAMESPACE))
     assert forwarded["sail"].startswith("xitl sim --profile hitl-virtual-board --set autopilot.link=udp://127.0.0.1:")
     assert apart["sail"] == "xitl board enter boat xitl sim --profile hitl-beaglebone"
-    assert apart["address"].startswith("192.168.7.2 in a network namespace of its own")
+    assert apart["address"].startswith("192.168.7.2 in a separate network namespace")
     assert forwarded["deploy"] == apart["deploy"]
 
 
@@ -464,7 +464,7 @@ def elf(machine: int, flags: int) -> bytes:
 @pytest.mark.parametrize("content", [b"", b"#!/bin/sh\n", elf(3, 0), elf(40, 0x5000200)])
 def test_only_a_program_for_the_board_is_put_there(board: EmulatedBoard, tmp_path: Path, content: bytes) -> None:
     (tmp_path / "ardurover").write_bytes(content)
-    with pytest.raises(UserError, match="no program for armhf Linux; build ArduPilot with"):
+    with pytest.raises(UserError, match="is not a program for armhf Linux; build ArduPilot with"):
         autopilot.put_autopilot(board, tmp_path / "ardurover", "rover-microstrain7")
 
 

@@ -108,7 +108,7 @@ def test_force_downloads_again(server: FirmwareServer, cache_at: Path) -> None:
 
 def test_a_broken_connection_leaves_the_cache_as_it_was(server: FirmwareServer, cache_at: Path) -> None:
     server.cuts = [120_000]
-    with pytest.raises(UserError, match="120000 of 300000 bytes came"):
+    with pytest.raises(UserError, match="after 120000 of 300000 bytes"):
         get(server)
     assert not any(path.is_file() for path in cache_at.rglob("*"))
     assert get(server).cached.file.read_bytes() == program()
@@ -133,7 +133,7 @@ def test_what_is_larger_than_any_firmware_is_not_begun(
 ) -> None:
     server.pretend_length = pretended
     if isinstance(pretended, int):
-        with pytest.raises(UserError, match="has 600000000 bytes, which is no firmware"):
+        with pytest.raises(UserError, match="has 600000000 bytes, which is too large for firmware"):
             get(server)
         assert cache.list_cached() == []
     else:  # a length that is none is not believed; the file says itself that it is whole
@@ -145,7 +145,7 @@ def test_what_does_not_end_is_broken_off(
 ) -> None:
     monkeypatch.setattr(download, "MAX_FIRMWARE_BYTES", 200_000)
     server.pretend_length = ""
-    with pytest.raises(UserError, match="does not end, which is no firmware"):
+    with pytest.raises(UserError, match="exceeds 200000 bytes, which is too large for firmware"):
         get(server)
 
 
@@ -286,7 +286,7 @@ def test_a_program_that_changed_in_the_cache_does_not_start(server: FirmwareServ
 def test_another_commit_than_the_server_says_is_noted(server: FirmwareServer, cache_at: Path) -> None:
     server.files[SITL] = program(commit="f" * 40)
     got = get(server)
-    assert got.note == f"commit {COMMIT[:8]} is not found in it"
+    assert got.note == f"commit {COMMIT[:8]} does not occur in the file"
     assert f"commit {COMMIT[:8]}" not in got.cached.record.verified
 
 
@@ -369,7 +369,7 @@ def test_the_command_says_what_it_did(server: FirmwareServer, cache_at: Path) ->
     assert code == 0
     assert "rover 4.6.3 official for sitl: downloaded" in out
     assert f"checked: 300000 bytes, ELF program, complete, commit {COMMIT[:8]}" in out
-    assert "is here already" in command("get", "rover", "--board", "sitl", "--url", server.url)[1]
+    assert "exists already" in command("get", "rover", "--board", "sitl", "--url", server.url)[1]
 
 
 def test_the_command_in_json(server: FirmwareServer, cache_at: Path) -> None:

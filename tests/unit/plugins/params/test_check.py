@@ -41,9 +41,9 @@ def test_what_differs_has_both_values() -> None:
 def test_a_misspelt_name_gets_the_nearest() -> None:
     (missing,) = check_parameters({"WP_SPED": 3.0}, BOAT).absent
     assert missing.nearest[0] == "WP_SPEED"
-    assert missing.sentence(str).startswith("this version has none; nearest: WP_SPEED")
+    assert missing.sentence(str).startswith("this version does not have it; similar names: WP_SPEED")
     (missing,) = check_parameters({"ZZ_TOP": 3.0}, BOAT).absent
-    assert missing.sentence(str) == "this version has none"
+    assert missing.sentence(str) == "this version does not have it"
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_a_vehicle_as_it_should_be(params: Params, tmp_path: Path) -> None:
         told = params("check", str(file), url, "--json")
     assert (ran.code, told.code) == (0, 0)
     assert "ArduPilot Rover (boat)" in ran.out
-    assert "2 as they should be, 0 differ, 0 are not there" in ran.out
+    assert "2 agree, 0 differ, 0 do not exist" in ran.out
     assert (told.told["same"], told.told["differs"], told.told["absent"]) == (2, [], [])
 
 

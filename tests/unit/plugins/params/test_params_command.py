@@ -105,10 +105,10 @@ def test_a_written_file_reads_in_pymavlink(tmp_path: Path) -> None:
         (("show", "can://x:1"), ("is no address of a vehicle", "udp://host:port or serial:///dev/ttyACM0")),
         (("show", "serial://x:1"), ("write it like serial:///dev/ttyACM0",)),
         (("show", "tcp://127.0.0.1"), ("port is missing",)),
-        (("pull", "boat.parm", "x.parm"), ("'boat.parm' is no vehicle",)),
-        (("pull", "tcp://127.0.0.1:9", "/no/where/x.parm"), ("/no/where: is no directory",)),
-        (("set", "tcp://127.0.0.1:9", "WP_SPEED"), ("'WP_SPEED' sets nothing; write NAME=VALUE",)),
-        (("set", "tcp://127.0.0.1:9", "WP_SPEED=nan"), ("sets nothing",)),
+        (("pull", "boat.parm", "x.parm"), ("'boat.parm' is not an address of a vehicle",)),
+        (("pull", "tcp://127.0.0.1:9", "/no/where/x.parm"), ("/no/where: is not a folder",)),
+        (("set", "tcp://127.0.0.1:9", "WP_SPEED"), ("'WP_SPEED' is not NAME=VALUE with a number",)),
+        (("set", "tcp://127.0.0.1:9", "WP_SPEED=nan"), ("is not NAME=VALUE with a number",)),
         (("push", "defaults", "tcp://127.0.0.1:9"), ("there is no parameter file 'defaults'",)),
         (
             ("show", "tcp://127.0.0.1:9", "--signing-key", "gone"),
@@ -199,7 +199,7 @@ def test_what_a_vehicle_refuses_is_said_with_its_own_words(params: Params, tmp_p
     reasons = {change["name"]: change["reason"] for change in ran.told["refused"]}
     said = "PAR_001: set denied because the vessel is armed and under way right now"
     assert reasons["PAR_001"] == f"the vehicle keeps 0.37: {said}"
-    assert reasons["NO_SUCH"] == "this version has none"
+    assert reasons["NO_SUCH"] == "this version does not have it"
     assert reasons["FRAME_CLASS"] == "the vehicle keeps 1"
 
 
@@ -209,7 +209,7 @@ def test_set_reads_back(params: Params, golden: Golden) -> None:
         ran = params("set", url, "wp_speed=3.5", "CRUISE_SPEED=0.1")
         unknown = params("set", url, "WP_SPED=3")
     assert "WP_SPEED = 2 → 3.5" in ran.out
-    assert "1 set, 0 refused, 1 were so already" in ran.out
+    assert "1 set, 0 refused, 1 unchanged" in ran.out
     assert double.values["WP_SPEED"] == 3.5
     golden("stderr", unknown.error, url=url)
 
@@ -251,7 +251,7 @@ def test_a_px4_keeps_whole_numbers_in_their_bytes(params: Params, tmp_path: Path
         assert "is not a value of this integer parameter" in params("set", url, "CA_R_REV=1.5").error
         assert params("set", url, "CA_R_REV=2").code == 0
         assert rover.values["CA_R_REV"] == 2
-        assert "push without --with-script" in params("push", "px4-rover", url, "--with-script").error
+        assert "remove --with-script" in params("push", "px4-rover", url, "--with-script").error
 
 
 @pytest.mark.slow

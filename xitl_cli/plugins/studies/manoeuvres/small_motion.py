@@ -77,8 +77,8 @@ class SmallMotion:
         for _, mode, axis in reversed(order):
             if mode not in names and (name := ("heave", "roll", "pitch")[axis]) not in names.values():
                 names[mode] = name
-        modes = [NaturalMode(names[mode], period, ratio) for mode, (_, period, ratio) in enumerate(modes)]
-        return tuple(sorted(modes, key=lambda mode: ("heave", "roll", "pitch").index(mode.name)))
+        named = [NaturalMode(names[mode], period, ratio) for mode, (_, period, ratio) in enumerate(modes)]
+        return tuple(sorted(named, key=lambda mode: ("heave", "roll", "pitch").index(mode.name)))
 
     def growth(self, plane: Plane) -> float:
         """Return the largest growth rate (1/s) across the hull (sway, roll, yaw) or in its upright plane; below 0:

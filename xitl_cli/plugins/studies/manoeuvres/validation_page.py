@@ -81,7 +81,7 @@ def advice(figure: ValidatedFigure) -> str:
         return ""
     importance, change = _ADVICE.get(figure.reference.source, _ADVICE_ON_PUBLISHED)
     if figure.error is None:
-        return f"It matters: the manoeuvre did not reach it. To change it, {change}."
+        return f"It matters: the manoeuvre never reached it. To change it, {change}."
     times = abs(figure.error) / figure.reference.allowed if figure.reference.allowed else float("inf")
     weight = "It hardly matters" if times <= _MUCH else "It matters"
     return f"{weight}: the error is {times:.2g} times its tolerance, and {importance}. To change it, {change}."
