@@ -20,8 +20,9 @@ from xitl_cli.errors import UserError
 from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiment.setup import ExperimentSetup
 from xitl_cli.experiment.time_series import Floats, TimeSeries, time_series
+from xitl_cli.log_analyses import log_analyses
 from xitl_cli.logs import open_log
-from xitl_cli.logs.compare.comparison import compare
+from xitl_cli.logs.compare.comparison import OVERLAID, compare
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Value
 from xitl_cli.plugins.studies.experiments.figures import OTHER, OURS, PAPER, THIRD, name_lines
@@ -232,7 +233,7 @@ def compare_replay(real: Log, simulated: Log, start_s: float) -> ReplayCompariso
     assert real.span_ns is not None
     assert simulated.span_ns is not None
     shift_s = (start_ns - real.span_ns[0] + simulated.span_ns[0]) * 1e-9
-    comparison = compare(real, simulated, shift_s=shift_s, of_b="truth")
+    comparison = compare(real, simulated, shift_s=shift_s, of_b="truth", analyses=log_analyses(OVERLAID))
     if comparison.trajectories is None:
         raise UserError(f"{real.path}: its positions and the replay have no common time; choose another --from")
     paths = [trajectory.pos_m[:, :2] for trajectory in comparison.trajectories]

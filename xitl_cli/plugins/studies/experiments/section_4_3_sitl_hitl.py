@@ -22,8 +22,9 @@ from xitl_cli.experiment.setup import ExperimentSetup
 from xitl_cli.experiment.time_series import Floats, TimeSeries, time_series, true_path_ne_m
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.firmware.cache import find_firmware
+from xitl_cli.log_analyses import log_analyses
 from xitl_cli.logs import open_log
-from xitl_cli.logs.compare.comparison import Comparison, compare
+from xitl_cli.logs.compare.comparison import OVERLAID, Comparison, compare
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.signals.series import column_series
 from xitl_cli.plugins.studies.experiments.figures import OTHER, OURS, mark_paper, name_lines
@@ -365,7 +366,7 @@ def _compared(software: Path, hardware: Path) -> Comparison | None:
     ]
     with open_log(logs[0]) as a, open_log(logs[1]) as b:
         try:
-            return compare(a, b, start="mission")
+            return compare(a, b, start="mission", analyses=log_analyses(OVERLAID))
         except LogError:
             return None
 
