@@ -82,7 +82,7 @@ def test_another_client_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
         VehicleFiles(reached).run(read_checksum("scripts/a.lua"))
     with (
         client(FtpVehicle(busy=10_000)) as reached,
-        pytest.raises(UserError, match="could not be brought to the vehicle: another client uses its files"),
+        pytest.raises(UserError, match="cannot be installed on the vehicle: another client uses its files"),
     ):
         install_script(reached, CONTENT)
 
@@ -106,7 +106,7 @@ def test_a_folder_may_be_empty() -> None:
 def test_what_goes_wrong_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     for vehicle, words in (
         (FtpVehicle(no_card=True), r"its file system fails \(error 30\); check that it has a memory card"),
-        (FtpVehicle(spoil=True), "came out damaged on the vehicle"),
+        (FtpVehicle(spoil=True), "is damaged on the vehicle"),
     ):
         with client(vehicle) as reached, pytest.raises(UserError, match=words):
             install_script(reached, CONTENT)

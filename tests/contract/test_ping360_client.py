@@ -136,7 +136,7 @@ def test_a_link_names_the_pseudo_terminal(tmp_path: Path) -> None:
         ("tcp://127.0.0.1:9092", "a Ping360 has UDP or a serial line"),
         ("udp://127.0.0.1", "the port is missing"),
         ("udp://198.51.100.7:9092", "no interface of this machine"),
-        ("serial:///dev/there-is-none?baud=115200", "plug it in"),
+        ("serial:///dev/there-is-none?baud=115200", "plug the device in"),
         ("serial://pty/proc/version", "cannot be created"),
     ],
 )

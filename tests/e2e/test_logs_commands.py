@@ -134,7 +134,7 @@ def test_dump_ends_quietly_when_its_reader_has_enough(tmp_path: Path) -> None:
         (("dump", ".", "ATT"), ("is a directory",)),
         (("export", str(CALM), "--format", "xlsx"), ("xlsx", "csv, parquet, mcap")),
         (("export", str(CALM), "ATT", "--out", "/proc/out"), ("/proc/out",)),
-        (("tasks", "boat.bin"), ("is no vehicle", "tcp://")),
+        (("tasks", "boat.bin"), ("is not the address of a vehicle", "tcp://")),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(
@@ -195,8 +195,9 @@ def test_every_command_names_the_repair_of_what_was_never_closed(
     (tmp_path / "cut.mcap").write_bytes((tmp_path / "run.mcap").read_bytes()[:-30])
     told = logs(*arguments)
     assert told.returncode == 0, told.stderr
-    assert "not closed by its writer" in " ".join((told.stdout + told.stderr).split())
-    assert "`xitl logs repair`" in told.stdout + told.stderr
+    words = " ".join((told.stdout + told.stderr).split())
+    assert "not closed by its writer" in words
+    assert "`xitl logs repair`" in words
 
 
 def test_export(logs: Run, tmp_path: Path) -> None:

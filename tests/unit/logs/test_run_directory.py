@@ -65,7 +65,7 @@ def test_every_command_takes_it(
     assert (tmp_path / "page.html").stat().st_size
     said("export", run, "/truth/state", "--out", tmp_path / "csv")
     assert list((tmp_path / "csv").iterdir())
-    assert "whole" in said("repair", run)
+    assert "is complete" in said("repair", run)
 
 
 def test_of_a_fleet_the_log_of_the_vessel_that_is_looked_at_is_taken() -> None:

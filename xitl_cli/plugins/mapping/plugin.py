@@ -17,5 +17,5 @@ def _add(app: typer.Typer, name: str) -> None:
 
 
 COMMAND = Command(
-    "Run the companion's odometry and mapping over a recording: map, trajectories and how good they are.", _add
+    "Run the companion's odometry and mapping over a recording: map, trajectories and their errors.", _add
 )

@@ -72,8 +72,8 @@ def test_the_way_in_is_rclpy_where_it_is_and_else_cyclonedds(monkeypatch: pytest
 @pytest.mark.parametrize(
     ("keys", "what"),
     [
-        ({"namespace": "my boat"}, "no namespace"),
-        ({"namespace": "/boat/"}, "no namespace"),
+        ({"namespace": "my boat"}, "is not a ROS namespace"),
+        ({"namespace": "/boat/"}, "is not a ROS namespace"),
         ({"master": "localhost:11311"}, "ros1://HOST:PORT"),
         ({"domain": 233}, "domain"),
         ({"depth": 0}, "depth"),

@@ -113,7 +113,7 @@ def test_it_is_found_by_its_variable(program: Path, monkeypatch: pytest.MonkeyPa
 def test_without_one_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("XITL_PX4", raising=False)
-    with pytest.raises(UserError, match="no px4 on the PATH, and XITL_PX4 names none; build PX4 with"):
+    with pytest.raises(UserError, match="px4 is not on the PATH, and XITL_PX4 is not set; build PX4 with"):
         launch("find")
 
 

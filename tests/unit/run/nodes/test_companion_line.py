@@ -99,7 +99,7 @@ def test_an_autopilot_in_its_place_is_refused(tmp_path: Path, monkeypatch: pytes
 def test_a_setting_that_does_not_exist_is_found_before_the_run(tmp_path: Path) -> None:
     file = tmp_path / "boat.yaml"
     file.write_text("extends: sitl\ncompanion: {parameters: {AVD_MARGEN: 3.0}}")
-    with pytest.raises(UserError, match="AVD_MARGEN is no setting of a companion"):
+    with pytest.raises(UserError, match="AVD_MARGEN is not a setting of a companion"):
         load_profile(str(file))
 
 
@@ -122,5 +122,5 @@ def test_links_that_cannot_be(companion: str, said: str, tmp_path: Path) -> None
 def test_a_companion_with_nobody_to_serve(tmp_path: Path) -> None:
     file = tmp_path / "boat.yaml"
     file.write_text("extends: mitl\ncompanion: {runs: in-process}")
-    with pytest.raises(UserError, match="there is no autopilot for it to hear"):
+    with pytest.raises(UserError, match="needs an autopilot to command"):
         load_profile(str(file))

@@ -147,7 +147,7 @@ def test_keys_are_checked_with_file_and_line(install: Install, boat: Path) -> No
     with pytest.raises(ProfileError, match=r"main-sail\.area is not a known key; did you mean 'area_m2'"):
         load_profile("boat.yaml")
     boat.write_text(PROFILE.replace("[0, 0, 1]", "[0, 0]"), encoding="utf-8")
-    with pytest.raises(ProfileError, match=r"does not fit a vessel with 2 propellers, 1 added command; give 3"):
+    with pytest.raises(ProfileError, match=r"does not fit a vessel with 2 propellers, 1 added command; use 3"):
         load_profile("boat.yaml")
 
 
@@ -162,7 +162,7 @@ def test_faults_on_an_added_actuator_are_refused(install: Install, boat: Path) -
     install("xitl-sail", SAIL, actuators=ENTRY)
     fault = "faults: {stuck: {from_s: 1, propeller: {which: main-sail, stuck: true}}}\n"
     boat.write_text(PROFILE + fault, encoding="utf-8")
-    with pytest.raises(ProfileError, match=r"which = 'main-sail' names no propeller of"):
+    with pytest.raises(ProfileError, match=r"which = 'main-sail' is not a propeller of"):
         load_profile("boat.yaml")
 
 

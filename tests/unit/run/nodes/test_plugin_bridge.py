@@ -187,9 +187,9 @@ def test_a_bridge_that_cannot_be_opened_is_refused_before_the_run(install: Insta
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ("autopilot.kind=ardupilot", "does not go with autopilot.kind = ardupilot; it goes with other"),
-        ("autopilot.bridge.sensor_link=null", "autopilot.bridge.sensor_link is missing: lines has a line of its own"),
-        ("autopilot.bridge.world=udp://127.0.0.1:9002", "lines sets the autopilot's time itself; leave it out"),
+        ("autopilot.kind=ardupilot", "does not work with autopilot.kind = ardupilot; use it with other"),
+        ("autopilot.bridge.sensor_link=null", "autopilot.bridge.sensor_link is missing: lines needs a separate line"),
+        ("autopilot.bridge.world=udp://127.0.0.1:9002", "lines sets the autopilot's time itself; remove it"),
         ("autopilot.firmware=find", "xitl starts ArduPilot and PX4 only; start this autopilot elsewhere"),
     ],
 )

@@ -102,9 +102,9 @@ def test_what_stands_in_the_river_of_the_profile_is_felt() -> None:
 @pytest.mark.parametrize(
     ("value", "problem"),
     [
-        ("world.debris.control=tcp://127.0.0.1:1", "is heard by UDP alone"),
+        ("world.debris.control=tcp://127.0.0.1:1", "is not UDP"),
         ("world.debris.control=nowhere", "is not a link"),
-        ("world.debris.encounters={count: 2, kinds: []}", "name one of trunk"),
+        ("world.debris.encounters={count: 2, kinds: []}", "kinds is empty; add one of trunk"),
         ("world.debris.encounters={count: 2, ahead_m: [60.0, 40.0]}", "write the nearer first"),
         (
             "world.debris.launches=[{pos_ned_m: [0.0, 0.0], length_m: 80.0}]",

@@ -160,7 +160,7 @@ def test_who_was_never_heard_is_said(golden: Golden) -> None:
     ("name", "overrides", "words"),
     [
         ("hitl-beaglebone", ["0.0.0.0"], "start the agent there with --gcs tcp://0.0.0.0:5760"),
-        ("hitl-loopback", ["'no address'"], "is no address and no interface"),
+        ("hitl-loopback", ["'no address'"], "is neither an address nor an interface"),
     ],
 )
 def test_an_interface_that_cannot_be(name: str, overrides: list[str], words: str) -> None:
@@ -170,5 +170,5 @@ def test_an_interface_that_cannot_be(name: str, overrides: list[str], words: str
 
 def test_an_interface_beside_addresses_that_have_theirs_is_refused() -> None:
     given = ["autopilot.ground_stations=[]", "autopilot.ground_station_interface=0.0.0.0"]
-    with pytest.raises(ProfileError, match="goes with the usual addresses"):
+    with pytest.raises(ProfileError, match="applies to the default addresses only"):
         load_profile("hitl-loopback", given)

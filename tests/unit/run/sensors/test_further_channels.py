@@ -203,7 +203,7 @@ def test_an_autopilot_without_a_world_is_not_told_the_truth() -> None:
         ("sensors.rangefinders=[{min_range_m: 9, max_range_m: 3}]", "min_range_m = 9 is not below max_range_m"),
         ("sensors.rangefinders=[{direction_frd: [0.0, 0.0, 0.0]}]", "direction_frd = "),
         ("sensors.rangefinders=[{direction_frd: [1.0e-9, 0.0, 0.0]}]", "direction_frd = "),
-        ("sensors.wind_vane={}", "sensors.wind_vane reaches nobody"),
+        ("sensors.wind_vane={}", "sensors.wind_vane has no effect"),
     ],
 )
 def test_what_cannot_be_is_refused(override: str, said: str) -> None:

@@ -138,9 +138,9 @@ def test_a_run_hears_where_its_boom_is() -> None:
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ("{sector_deg: [90.0, -90.0]}", "sensors.sonar.sector_deg = [90, -90] does not go clockwise"),
-        ("{sector_deg: [-200.0, 200.0]}", "by at most a turn"),
-        ("{serve: tcp://127.0.0.1:9092}", "is no line that a Ping360 has"),
+        ("{sector_deg: [90.0, -90.0]}", "sensors.sonar.sector_deg = [90, -90] does not turn clockwise"),
+        ("{sector_deg: [-200.0, 200.0]}", "by at most 360 degrees"),
+        ("{serve: tcp://127.0.0.1:9092}", "is not a line that a Ping360 has"),
         ("{serve: udp://127.0.0.1}", "the port is missing"),
         ("{serve: nonsense}", "is not a link"),
         ("{step_grad: 11}", "sensors.sonar.step_grad"),
