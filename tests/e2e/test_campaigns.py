@@ -308,7 +308,7 @@ def test_a_cluster_with_tls_runs_a_plan(undisturbed: list[dict[str, Any]]) -> No
 
 def test_files_of_tls_without_a_scheduler_are_refused() -> None:
     told = campaign("plan.yaml", "--tls-ca-file", "cert.pem", code=2)
-    assert "--tls-ca-file, --tls-cert and --tls-key are for --on" in " ".join(told.split())
+    assert "--tls-ca-file, --tls-cert and --tls-key apply to --on only" in " ".join(told.split())
 
 
 @pytest.mark.skipif(
@@ -354,7 +354,7 @@ def test_a_million_runs_by_accident_are_refused(golden: Golden) -> None:
 
 def test_constraints_that_leave_nothing_are_told() -> None:
     Path("plan.yaml").write_text(f"{PLAN}constraints: [environment.wind.mean_mps > 7]\n", encoding="utf-8")
-    assert "no combination fulfils the constraints" in " ".join(campaign("plan.yaml", "--out", "out", code=2).split())
+    assert "no combination satisfies the constraints" in " ".join(campaign("plan.yaml", "--out", "out", code=2).split())
     assert not Path("out").exists()
 
 

@@ -186,7 +186,7 @@ def test_the_duration_counts_the_time_for_which_the_vessel_is_frozen(
     process = held("--duration", "1")
     said, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
-    assert "ended: duration reached, no mission, the vessel frozen all the time" in " ".join(said.split())
+    assert "ended: duration reached, no mission, the vessel was never armed and stayed frozen" in " ".join(said.split())
     told = summary(tmp_path / "run")
     assert told["duration_s"] == told["driver"]["moored_s"] == pytest.approx(1.0)
 

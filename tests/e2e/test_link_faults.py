@@ -317,5 +317,5 @@ def test_an_agent_that_was_started_anew_ends_the_run(tmp_path: Path, start: Star
             stderr = ended(process, 2)
         finally:
             second.kill()
-    assert "was started anew" in stderr
+    assert "was restarted" in stderr
     assert summary(tmp_path / "run")["error"] in stderr

@@ -75,8 +75,8 @@ def test_a_run_that_was_played_with_repeats_byte_for_byte(tmp_path: Path) -> Non
     )
     played = run(profile, tmp_path / "played", False, NoDisplay, operation=Operation(people=(player,)))
     assert [text.split(";")[0] for text in player.refused] == [
-        f"launch: at {start.north_m:.1f} N {start.east_m:.1f} E is a vessel",
-        "mode = 'FLY' is none of this autopilot",
+        f"launch: a vessel is at {start.north_m:.1f} N {start.east_m:.1f} E",
+        "mode = 'FLY' is no mode of this autopilot",
     ]
     events = read_events(played.directory)
     again = run(profile, tmp_path / "again", False, NoDisplay, operation=Operation(events=events))

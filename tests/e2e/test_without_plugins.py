@@ -67,7 +67,7 @@ def test_without_the_plug_in_of_logs_an_analysis_is_refused_in_one_sentence(tree
     assert "PluginError: vehicle: the plug-in of xitl" in refused.stderr
     assert "pip install --force-reinstall xitl" in refused.stderr
     opened = python(tree, "-c", "import xitl\nxitl.open_log('run.mcap')")
-    assert "LogError: run.mcap: there is no such file" in opened.stderr
+    assert "LogError: run.mcap: does not exist" in opened.stderr
 
 
 def test_the_core_does_without_all_plug_ins(tree: Path) -> None:

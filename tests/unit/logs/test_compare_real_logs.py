@@ -140,7 +140,7 @@ def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
     [
         ((CALM, LOGS / "nowhere.bin"), "nowhere.bin: does not exist"),
         ((CALM, GUST, "--start", "sunrise"), "sunrise"),
-        ((CALM, GUST, "--from", "90", "--until", "80"), "nothing is left to compare"),
+        ((CALM, GUST, "--from", "90", "--until", "80"), "nothing to compare: the end is before the beginning"),
         ((CALM, GUST, "--tum", CALM), "cannot be written"),
     ],
 )

@@ -145,6 +145,6 @@ def test_a_dry_run_tells_time_disk_and_their_basis(tmp_path: Path) -> None:
     text = " ".join(told.stdout.split())
     assert "6 runs in total." in text
     assert "with 2 parallel runs; disk: about " in text
-    assert "measured over 10 s of the first run" in text
+    assert "measured in 10 s of the first run" in text
     rows = dry_run(path, "--json").stdout.splitlines()
     assert [json.loads(line)["number"] for line in rows] == [1, 2, 3, 4, 5, 6]

@@ -26,7 +26,7 @@ NEVER_S = 0.01
 
 def test_own_workers_that_are_slow_to_start_are_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "OWN_WORKERS_S", NEVER_S)
-    late = r"not all of the campaign's 1 worker processes were up within 0\.01 s"
+    late = r"not all 1 worker processes of the campaign started within 0\.01 s"
     with pytest.raises(UserError, match=late), cluster.local_workers(1, "slow"):
         pass
 
