@@ -54,7 +54,6 @@ PERFORMED = (
     DO_JUMP_TAG,
 )
 """Commands that the embedded autopilot executes. It skips all other commands of COMMANDS."""
-STAYS = (LOITER_UNLIMITED, LOITER_TIME)
 
 
 class MissionCommand(NamedTuple):

@@ -324,7 +324,9 @@ class AutopilotEvent:
     ]
     mode: Annotated[String, "mode after the event"]
     mode_before: String
-    reason: Annotated[String, "sentence of the autopilot that names the failsafe; empty: none came with the event"] = ""
+    reason: Annotated[
+        String, "cause in the autopilot's words, or from its reports of fence and estimator; empty: none"
+    ] = ""
 
     def section(self) -> dict[str, Any]:
         """A row of `autopilot_events` of summary.json."""

@@ -33,7 +33,6 @@ _ARMED = 2
 _ANGLES = {"roll": 0, "pitch": 1, "yaw": 2}
 _KINDS: Mapping[int, VehicleKind] = {1: "copter", 2: "plane", 3: "rover"}
 _TRUTH = "_groundtruth"
-_HIGHEST_M = 10e3
 
 
 def topic(log: Log, name: str) -> Table | None:
