@@ -94,6 +94,14 @@ def test_the_bridge_of_the_guide_steers_the_vessel_and_is_counted(
         assert log.tables["/actuators"].values("command")[-1][0] == 0.5
 
 
+def test_an_autopilot_that_was_never_heard_is_not_in_the_graph_of_the_run(
+    install: Install, boat: Path, autopilot: TextAutopilot
+) -> None:
+    install("xitl-lines", LINES, bridges=ENTRY)  # the text autopilot sends no heartbeat
+    measured = run("clock.duration_s=3.0").summary["graph"]["measured"]
+    assert [node["name"] for node in measured["nodes"]] == ["PS1", "M"]
+
+
 @pytest.mark.parametrize(
     ("before", "after"),
     [
