@@ -588,14 +588,15 @@ class AgentConnection:
 
 def connections_report(agents: Sequence[AgentConnection]) -> dict[str, Any]:
     """Return the connections' part of a run's report: links, tasks, clocks and nodes, and the traffic for its graph."""
+    links = [report for agent in agents for report in agent.links()]
     nodes = [(agent, report) for agent in agents if (report := agent.node()) is not None]
     return {
-        "links": [report for agent in agents for report in agent.links()],
+        "links": links,
         "tasks": [task for agent in agents for task in agent.inbox.view.tasks.values()],
         "clocks": [agent.inbox.timing.report() for agent in agents],
         "nodes": [report for _, report in nodes],
         "warnings": [text for agent in agents for text in agent.warnings()],
-        "agents": [agent_traffic(report, agent.links(), agent.inbox.traffic) for agent, report in nodes],
+        "agents": [agent_traffic(report, links, agent.inbox.traffic) for agent, report in nodes],
     }
 
 

@@ -20,7 +20,7 @@ from rich.text import Text
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
-from xitl_cli.run.links.connection import WARNING, AgentConnection, connections_report
+from xitl_cli.run.links.connection import WARNING, AgentConnection
 from xitl_cli.run.scores.mission import MissionScore
 from xitl_cli.run.world.plant import PlantView
 
@@ -312,8 +312,8 @@ class StatusSource:
         progress = control.progress
         north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
         rotation = motion.rot_ned_frd[0]
-        report = connections_report(self._agents)
-        links = report["links"]
+        links = [link for agent in self._agents for link in agent.links()]
+        tasks = [task for agent in self._agents for task in agent.inbox.view.tasks.values()]
         return RunStatus(
             vessel=self._vessel,
             sim_s=state.time_ns * 1e-9,
@@ -332,7 +332,7 @@ class StatusSource:
             sent=sum(link.sent or 0 for link in links if link.name == "sensors"),
             received=sum(link.received or 0 for link in links if link.name == "actuators"),
             lost=sum(link.lost or 0 for link in links),
-            missed=sum(task.missed for task in report["tasks"]),
+            missed=sum(task.missed for task in tasks),
             messages=progress.messages,
             waits_for=progress.waits_for,
             faults=self._faults(),
