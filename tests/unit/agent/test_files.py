@@ -28,10 +28,10 @@ def test_a_device_that_never_ends_is_no_file_for_the_agent(option: str, capsys: 
     assert main([*LINK, *ground, option, "/dev/zero"]) == 2
     said = capsys.readouterr().err
     assert said.startswith("error: /dev/zero: ")
-    assert "cannot be read (is no regular file); check " in said
+    assert "cannot be read (is not a regular file); check " in said
 
 
 def test_nor_is_a_pipe_that_nobody_writes_to(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(OSError, match="is no regular file"):
+    with pytest.raises(OSError, match="is not a regular file"):
         read_bytes(tmp_path / "pipe")

@@ -83,7 +83,7 @@ def test_conditions(text: str, truth: list[int]) -> None:
         ("Roll // 9 > 1", ("is not a valid condition",)),
         ("I in (1, 2)", ("contains `in`",)),
         ("f'{Roll}' == 'x'", ("wrong place",)),
-        ("abs(Roll, 1) > 1", ("abs takes 1 values",)),
+        ("abs(Roll, 1) > 1", ("abs takes 1 value",)),
         ("Name > 5", ("text with a number",)),
         ("Name + 'x' == 'ATCx'", ("is not a number",)),
         ("V > 1", ("is an array", "V[0]")),

@@ -73,7 +73,7 @@ def test_a_profile_beyond_all_bounds_is_not_read(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize("name", ["boat.yaml", "boat.parm", "boat.csv", "boat.key"])
 def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
-    with pytest.raises(UserError, match=r"is no(t a)? regular file"):
+    with pytest.raises(UserError, match="is not a regular file"):
         _used(tmp_path / name)
 
 

@@ -298,7 +298,8 @@ class _Parser:
             if len(arguments) < least or (most is not None and len(arguments) > most):
                 wanted = f"{least} or more" if most is None else str(least) if most == least else f"{least} to {most}"
                 shown = self._text[token.begin : self._ended]
-                self._refuse(f"contains {shown}, but {token.text} takes {wanted} values")
+                noun = "value" if wanted == "1" else "values"
+                self._refuse(f"contains {shown}, but {token.text} takes {wanted} {noun}")
             return Call(token.begin, self._ended, token.text, tuple(arguments))
         if self._is("("):
             self._next(operand=True)
