@@ -31,7 +31,7 @@ from xitl_cli.run.nodes.ais import AisLine, AisRecorder, hears_sentences, receiv
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_events import AutopilotEventNode
 from xitl_cli.run.nodes.bridge import BridgeNode
-from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode, PerceptionInstrument, PerceptionNode
+from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.display import StatusSource
 from xitl_cli.run.nodes.drivers import VehicleDriver
@@ -40,6 +40,7 @@ from xitl_cli.run.nodes.findings import FindingsNode, findings_from_profile
 from xitl_cli.run.nodes.mission import MissionNode, TrackNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.operated_control import OperatedControl
+from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.plugin_nodes import PluginNode, driver_of
 from xitl_cli.run.nodes.recorders import LinkRecorder, SensorRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import CollisionNode

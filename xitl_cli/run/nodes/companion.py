@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from agent.wire import dialect
-from agent.wire.codec import Message
-from agent.wire.dialect import MAV_SEVERITY_INFO as INFO
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from agent.wire.link import Link
 from agent.wire.signing import Signing
@@ -18,7 +16,6 @@ from sim_core.geodesy import LocalFrame
 from sim_core.vessel.floating import floating_pose
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import (
     AgentConnection,
@@ -342,61 +339,3 @@ class CompanionNode(RunNode):
             **connections_report([self.agent]),
             "companion": {"gone_s": self.gone_s, "warnings": list(self.inbox.warnings)},
         }
-
-
-SOURCE = "perception"
-
-
-class PerceptionInstrument(Protocol):
-    """A sensor of the companion. address: where other programs may connect to it, or None."""
-
-    @property
-    def address(self) -> str | None: ...
-
-    def begin(self, recorder: PerceptionRecorder) -> None:
-        """Start the run and record the measurements with `recorder`."""
-
-    def update(self, step: RunStep) -> list[Message]:
-        """Return the messages that are due after a physics step."""
-
-    def report(self) -> dict[str, Any]:
-        """Return the instrument's part of the summary."""
-
-    def close(self) -> None:
-        """Release the instrument's resources."""
-
-
-class PerceptionNode(RunNode):
-    """Instruments by name. `send`: sends to the companion. `warnings`: returns problems of the world at the start."""
-
-    def __init__(
-        self,
-        instruments: Mapping[str, PerceptionInstrument],
-        send: Callable[[Sequence[Message]], None],
-        warnings: Callable[[], Sequence[str]] = tuple,
-    ) -> None:
-        self._instruments = instruments
-        self._send = send
-        self._warnings = warnings
-
-    def begin(self, context: RunContext) -> None:
-        recorder = context.recorder
-        for text in self._warnings():
-            recorder.log(0, WARNING, SOURCE, text)
-        for name, instrument in self._instruments.items():
-            if instrument.address is not None:
-                recorder.log(0, INFO, SOURCE, f"{name} answers its own protocol at {instrument.address}")
-            instrument.begin(recorder.perception)
-
-    def sense(self, step: RunStep) -> None:
-        for instrument in self._instruments.values():
-            messages = instrument.update(step)
-            if messages:
-                self._send(messages)
-
-    def report(self) -> dict[str, Any]:
-        return {"perception": {name: instrument.report() for name, instrument in self._instruments.items()}}
-
-    def close(self) -> None:
-        for instrument in self._instruments.values():
-            instrument.close()

@@ -1,4 +1,4 @@
-"""The river in a run: launches, announces and records drifting bodies, and records the vessel's collisions."""
+"""The water in a run: drifting bodies are launched, announced and recorded, as are collisions and the tide."""
 
 from __future__ import annotations
 
