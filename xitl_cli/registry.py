@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from pathlib import PurePath
 from typing import Any
 
 from agent.entry_points import OWN_PACKAGE, EntryPoint, ranked_entry_points
@@ -103,17 +104,23 @@ def guarded(group: str, name: str, call: Callable[..., Any], *arguments: Any) ->
     except (UserError, OSError):
         raise
     except Exception as problem:
-        import traceback
-
         from xitl_cli.logs.model.errors import LogError
 
         package = package_of(group, name)
         if package.split()[0] == OWN_PACKAGE or isinstance(problem, LogError):
             raise
-        last = traceback.extract_tb(problem.__traceback__)[-1]
-        reason = " ".join(f"{type(problem).__name__}: {problem}".split()).removesuffix(":")
-        where = f"{last.filename.rpartition('/')[2]}:{last.lineno}"
-        raise PluginError(f"{name}: the plug-in of {package} failed ({reason}, {where}); correct it") from problem
+        raise PluginError(f"{name}: the plug-in of {package} failed ({failure_text(problem)}); correct it") from problem
+
+
+def failure_text(problem: Exception) -> str:
+    """Return an exception of a plug-in with its file and line: `ZeroDivisionError: division by zero, radar.py:12`."""
+    import traceback
+
+    last = traceback.extract_tb(problem.__traceback__)[-1]
+    path = PurePath(last.filename)
+    file = f"{path.parent.name}/{path.name}" if path.name == "__init__.py" else path.name
+    reason = " ".join(f"{type(problem).__name__}: {problem}".split()).removesuffix(":")
+    return f"{reason}, {file}:{last.lineno}"
 
 
 def load_all(group: str) -> Iterator[tuple[str, Any]]:

@@ -19,7 +19,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.mcap_file import ChannelMirror
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import Topic
-from xitl_cli.registry import DRIVERS, LIVE_OUTPUTS, NODES, load, package_of
+from xitl_cli.registry import DRIVERS, LIVE_OUTPUTS, NODES, failure_text, load, package_of
 from xitl_cli.run.core.live_output import LiveOutput, LiveRun, LiveVessel
 from xitl_cli.run.core.node import PluginNodeError, RunContext, RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
@@ -67,12 +67,7 @@ class PluginGuard:
             return None
 
     def _sentence(self, when: str, problem: Exception) -> str:
-        last = traceback.extract_tb(problem.__traceback__)[-1]
-        reason = " ".join(f"{type(problem).__name__}: {problem}".split()).removesuffix(":")
-        path = Path(last.filename)
-        file = f"{path.parent.name}/{path.name}" if path.name == "__init__.py" else path.name
-        why = f"{reason}, {file}:{last.lineno}"
-        return f"{self._who} failed {when} ({why}); correct the plug-in or remove it from the profile"
+        return f"{self._who} failed {when} ({failure_text(problem)}); correct the plug-in or remove it from the profile"
 
 
 class PluginNode(RunNode):
