@@ -235,20 +235,13 @@ def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Genera
     environment = state.environment
     if state.time_ns % lead.drift_ns == 0:
         environment = surroundings_model.step(fleet.environment, environment, lead.drift_ns * 1e-9, rng)
-    # Surroundings of each batch
-    felt = [
-        simulations.feel(simulation, batch, environment)
-        for simulation, batch in zip(fleet.batches, state.batches, strict=True)
-    ]
     # Contacts with structures, debris and other hulls
     close, afloat = _compute_contacts(fleet, state, environment)
     # Motion of the vessels
-    batches = []
-    for simulation, batch, (flows, around), water, command in zip(
-        fleet.batches, state.batches, felt, afloat, commands, strict=True
-    ):
-        vessel = vessel_motion.step(simulation.vessel, batch.vessel, command, around, water.wrench_frd)
-        batches.append(SimulationState(time_ns, vessel, environment, *flows, around.drift_frd_n, around.surface, water))
+    batches = [
+        simulations.advance(simulation, batch, environment, command, water)
+        for simulation, batch, command, water in zip(fleet.batches, state.batches, commands, afloat, strict=True)
+    ]
     return FleetState(time_ns, tuple(batches), environment, close)
 
 

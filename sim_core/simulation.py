@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from numpy.random import Generator
 
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
-from sim_core.environment.tide import NO_TIDE
 from sim_core.environment.waves import FlatWater, HullSurface, HullWaves, StillHull, WaveField
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
+from sim_core.motion import Influences, MotionStep, surroundings
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.condition import Condition
 from sim_core.vessel.spec import VesselSpec
-from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
+from sim_core.vessel.vessel import Vessel, VesselState
 from sim_core.world import waterway as waterways
 from sim_core.world.contact import Contacts, Outline
 from sim_core.world.debris import DebrisState, Launch, bodies_at
@@ -38,6 +39,8 @@ class Simulation:
     vessel: Vessel
     environment: Environment
     hull_waves: HullWaves | StillHull
+    motion: MotionStep
+    """The step of the vessel in the waves."""
     wave_drift_ne_mps: Array
     """Drift of the water due to the waves, over the vessel's draft, (2,)."""
     dt_s: float
@@ -58,9 +61,8 @@ class Simulation:
         vessel = Vessel.from_spec(model, environment.water, dt_s, environment.waves)
         hull_waves, wave_drift = _waves_at(vessel, environment.waves)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
-        return cls(
-            vessel, environment, hull_waves, wave_drift, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway
-        )
+        motion, outline = MotionStep(vessel, hull_waves), Outline.from_spec(model)
+        return cls(vessel, environment, hull_waves, motion, wave_drift, dt_s, dt_ns, drift_ns, outline, waterway)
 
     def in_environment(self, environment: Environment) -> Simulation:
         """Return the same vessel in another environment of the same water."""
@@ -69,7 +71,12 @@ class Simulation:
         vessel = self.vessel.in_waves(environment.waves, environment.water)
         hull_waves, wave_drift = _waves_at(vessel, environment.waves)
         return replace(
-            self, vessel=vessel, environment=environment, hull_waves=hull_waves, wave_drift_ne_mps=wave_drift
+            self,
+            vessel=vessel,
+            environment=environment,
+            hull_waves=hull_waves,
+            motion=MotionStep(vessel, hull_waves),
+            wave_drift_ne_mps=wave_drift,
         )
 
 
@@ -117,7 +124,9 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
 def at_start(simulation: Simulation, vessel: VesselState, environment: EnvironmentState) -> SimulationState:
     """Return the state at time 0."""
     flows = _flows_at(simulation, environment, vessel.motion, 0.0)
-    around = _around(simulation, flows, vessel.motion, 0.0, None)
+    tide_m, still = simulation.environment.tide.height_m(0.0), np.zeros((1, simulation.vessel.model.commands))
+    influences = Influences(0.0, tide_m, *flows, None, still, None)
+    around = surroundings(simulation.vessel, simulation.hull_waves, vessel.motion, influences)
     return SimulationState(0, vessel, environment, *flows, around.drift_frd_n, around.surface)
 
 
@@ -128,8 +137,6 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
     long_step = state.time_ns % simulation.drift_ns == 0
     if long_step:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
-    # Water and air at the vessels
-    flows, around = feel(simulation, state, environment)
     # Debris and contacts
     afloat = state.afloat
     if simulation.waterway is not OPEN_WATER and (long_step or not afloat.idle):
@@ -141,10 +148,7 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
             state.vessel.motion,
             water_motion(simulation, environment, state.time_ns),
         )
-    # Motion of the vessels
-    vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
-    time_ns = state.time_ns + simulation.dt_ns
-    return SimulationState(time_ns, vessel, environment, *flows, around.drift_frd_n, around.surface, afloat)
+    return advance(simulation, state, environment, command, afloat)
 
 
 def elevation_m(simulation: Simulation, state: SimulationState) -> Array:
@@ -183,19 +187,25 @@ def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) 
     )
 
 
-def feel(
-    simulation: Simulation, state: SimulationState, environment: EnvironmentState
-) -> tuple[tuple[Array, Array], Surroundings]:
-    """Return current and air, which are held for a period, and the surroundings of the vessels in this step.
+def advance(
+    simulation: Simulation, state: SimulationState, environment: EnvironmentState, command: Array, afloat: Afloat
+) -> SimulationState:
+    """Return the state one dt_s later, under (N, C) commands.
 
-    environment: the environment state after its step.
+    environment: the environment state after its step. afloat: debris and contacts of this step.
     """
-    motion, time_s = state.vessel.motion, state.time_ns * 1e-9
+    # Water and air at the vessels, and the mean force of the waves, which are held for a period
+    time_s, motion = state.time_ns * 1e-9, state.vessel.motion
+    flows: tuple[Array, Array] = state.current_ned_mps, state.wind_ned_mps
+    drift_frd_n: Array | None = state.drift_frd_n
     if state.time_ns % simulation.drift_ns == 0:
-        flows = _flows_at(simulation, environment, motion, time_s)
-        return flows, _around(simulation, flows, motion, time_s, None)
-    flows = state.current_ned_mps, state.wind_ned_mps
-    return flows, _around(simulation, flows, motion, time_s, state.drift_frd_n)
+        flows, drift_frd_n = _flows_at(simulation, environment, motion, time_s), None
+    # Motion of the vessels
+    tide_m = simulation.environment.tide.height_m(time_s)
+    influences = Influences(time_s, tide_m, *flows, drift_frd_n, command, afloat.wrench_frd)
+    moved = simulation.motion.step(state.vessel, influences)
+    time_ns = state.time_ns + simulation.dt_ns
+    return SimulationState(time_ns, moved.vessel, environment, *flows, moved.drift_frd_n, moved.surface, afloat)
 
 
 def _flows_at(
@@ -206,18 +216,3 @@ def _flows_at(
     current = environment.current_ned_mps(state.current, time_s, motion.pos_ned_m)
     current[:, :2] += simulation.wave_drift_ne_mps
     return current, environment.wind.velocity_ned_mps(state.wind, time_s, simulation.vessel.model.wind.centre_height_m)
-
-
-def _around(
-    simulation: Simulation, flows: tuple[Array, Array], motion: Kinematics, time_s: float, drift_frd_n: Array | None
-) -> Surroundings:
-    """Return the surroundings of the vessels. drift_frd_n: the held (N, 2) mean wave force, None to compute it."""
-    current, wind = flows
-    surface = simulation.hull_waves.sample(time_s, motion.pos_ned_m, motion.rot_ned_frd)
-    tide = simulation.environment.tide
-    if tide is not NO_TIDE:
-        surface = replace(surface, tide_m=tide.height_m(time_s))
-    water = current + surface.orbital_ned_mps
-    if drift_frd_n is None:
-        drift_frd_n = simulation.vessel.wave_forces.drift.force_frd_n(motion, water, surface)
-    return Surroundings(water, wind, surface, drift_frd_n)

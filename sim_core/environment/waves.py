@@ -21,11 +21,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy import float32, float64
 from numpy.random import Generator
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
-from sim_core.frames import Array, Array32
+from sim_core.frames import Array
 
 LOWEST_OF_PEAK = 0.5  # lower limit of the band, in units of the peak frequency; the energy outside moves into the band
 HIGHEST_OF_PEAK = 3.0
@@ -295,11 +294,11 @@ class HullWaves:
     turns_per_m: Array  # (2, W)
     turns_per_s: Array  # (W,)
     turns: Array  # (W,)
-    lever: Array32  # (6, S W)
-    of_cosines: Array32  # (W, 4): elevation, vertical acceleration, orbital north, orbital east
-    of_sines: Array32  # (W, 3): vertical velocity, slope to north, slope to east
-    over_cosines: Array32  # (4 S, 15)
-    over_sines: Array32  # (3 S, 15)
+    lever: Array  # (6, S W)
+    of_cosines: Array  # (W, 4): elevation, vertical acceleration, orbital north, orbital east
+    of_sines: Array  # (W, 3): vertical velocity, slope to north, slope to east
+    over_cosines: Array  # (4 S, 15)
+    over_sines: Array  # (3 S, 15)
 
     @classmethod
     def bind(cls, waves: WaveField, points_frd_m: Array, share: Array | None = None) -> HullWaves:
@@ -324,13 +323,11 @@ class HullWaves:
             turns_per_m=waves.wave_vector_radpm.T / turn,
             turns_per_s=waves.apparent_omega_radps / turn,
             turns=waves.phase_rad / turn,
-            lever=np.einsum("wi,sj->ijsw", waves.wave_vector_radpm, points_frd_m).reshape(6, -1).astype(float32),
-            of_cosines=np.column_stack([amplitude_m, -amplitude_m * omega**2, waves.drift_mps]).astype(float32),
-            of_sines=np.column_stack([amplitude_m * omega, -amplitude_m[:, None] * waves.wave_vector_radpm]).astype(
-                float32
-            ),
-            over_cosines=over_cosines.reshape(-1, 15).astype(float32),
-            over_sines=over_sines.reshape(-1, 15).astype(float32),
+            lever=np.einsum("wi,sj->ijsw", waves.wave_vector_radpm, points_frd_m).reshape(6, -1),
+            of_cosines=np.column_stack([amplitude_m, -amplitude_m * omega**2, waves.drift_mps]),
+            of_sines=np.column_stack([amplitude_m * omega, -amplitude_m[:, None] * waves.wave_vector_radpm]),
+            over_cosines=over_cosines.reshape(-1, 15),
+            over_sines=over_sines.reshape(-1, 15),
         )
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
@@ -345,20 +342,19 @@ class HullWaves:
 
     def _sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> tuple[Array, Array]:
         vessels, components = len(pos_ned_m), len(self.turns)
-        # Phase at each vessel's origin, reduced to (-pi, pi] in double precision
+        # Phase at each vessel's origin, reduced to (-pi, pi]
         turns = pos_ned_m[:, :2] @ self.turns_per_m
         turns += self.turns - self.turns_per_s * time_s
         turns -= np.rint(turns)
         turns *= 2.0 * math.pi
         # Phase at the points of the hull
-        lever = rot_ned_frd.reshape(vessels, 9)[:, :6].astype(float32) @ self.lever
+        lever = rot_ned_frd.reshape(vessels, 9)[:, :6] @ self.lever
         wave = lever.reshape(vessels, -1, components)
-        wave += turns.astype(float32)[:, None, :]
+        wave += turns[:, None, :]
         # Sums of the components
         rows = wave.reshape(-1, components)  # one product for all vessels takes half the time of a product per vessel
         cosines = (np.cos(rows) @ self.of_cosines).reshape(vessels, -1)
-        np.sin(rows, out=rows)
-        sines = rows @ self.of_sines
+        sines = np.sin(rows) @ self.of_sines
         over_hull = cosines @ self.over_cosines
         over_hull += sines.reshape(vessels, -1) @ self.over_sines
-        return cosines[:, :: self.of_cosines.shape[1]].astype(float64), over_hull.astype(float64)
+        return cosines[:, :: self.of_cosines.shape[1]], over_hull

@@ -233,7 +233,7 @@ class SectionHulls:
         depth = self._depth_m(pos_ned_m, down_frd, surface)
         wet, start, end = _wet_share(depth)
         both = start + end
-        edges = np.empty((len(depth), 3, *both.shape[1:]))
+        edges = np.empty_like(both, shape=(len(depth), 3, *both.shape[1:]))
         np.multiply(wet, both, out=edges[:, 0])
         np.multiply(wet, wet * (start - end) + 3.0 * end, out=edges[:, 1])
         np.multiply(wet, both * both - start * end, out=edges[:, 2])

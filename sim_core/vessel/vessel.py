@@ -49,6 +49,29 @@ class VesselState:
     """Faults of actuators and battery, None for no fault."""
     battery: BatteryState | None = None
     """None for a model without a battery."""
+    packed: PackedState | None = None
+    """The same arrays as parts of one, if a compiled step made them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PackedState:
+    """The state of N vessels in the columns of one array, which a compiled step reads and writes at once."""
+
+    values: Array
+    """(N, columns)."""
+    motion: Kinematics
+    rotor_speed: Array
+    half_change: Array
+    battery: BatteryState | None
+
+    def holds(self, state: VesselState) -> bool:
+        """Return whether the parts of a state are those that lie in `values`."""
+        return (
+            state.motion is self.motion
+            and state.rotor_speed is self.rotor_speed
+            and state.half_change is self.half_change
+            and state.battery is self.battery
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,7 +215,7 @@ def accelerate(
     """
     # Velocities relative to water and air, and the slope of the surface, in body axes
     surface = around.surface
-    ned = np.empty((len(motion.pos_ned_m), 3, 3))
+    ned = np.empty_like(motion.rot_ned_frd)
     np.subtract(motion.vel_ned_mps, around.water_ned_mps, out=ned[:, 0])
     np.subtract(motion.vel_ned_mps, around.wind_ned_mps, out=ned[:, 1])
     ned[:, 2] = surface.gradient_ned

@@ -1,0 +1,295 @@
+/* Runs a tape: a list of operations on arrays, recorded from numpy code. See program.py for the encoding.
+
+Values lie in one array: value i of lane l is at [i * L + l]. A lane is one vessel. L is 1 or 8. The order of all
+operations on a value is the same for both, and so is the result, bit for bit. */
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+typedef double vd __attribute__((vector_size(64)));
+typedef int64_t vi __attribute__((vector_size(64)));
+enum { WIDTH = 8 };
+
+enum {
+    NEGATIVE, ABSOLUTE, SQRT, SIN, COS, RINT, ISNAN, LOGICAL_NOT, FLOOR, SIGN, SQUARE,
+    EXP, LOG, TAN, TANH, ARCCOS, ARCSIN, ARCTAN, CBRT, EXPM1,
+    ADD, SUBTRACT, MULTIPLY, DIVIDE, MAXIMUM, MINIMUM, LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL,
+    LOGICAL_AND, LOGICAL_OR, ARCTAN2, POWER, HYPOT,
+    WHERE, MATMUL, DOT, INTERP
+};
+
+enum { RUN, SAME, TABLE }; /* where an operand lies: consecutive values, one value for all, a table of values */
+
+/* Sine and cosine by reduction to (-pi/4, pi/4) in three parts of pi/2 and the polynomials of fdlibm. */
+static inline void sine_cosine(const double *restrict x, double *restrict out, int64_t shift)
+{
+    const double magic = 6755399441055744.0; /* 1.5 * 2^52 rounds to an integer and leaves its bits */
+    vd v, magic_v = (vd){0} + magic;
+    memcpy(&v, x, sizeof v);
+    vd shifted = v * 0.63661977236758134308 + magic_v;
+    vd n = shifted - magic_v;
+    vi quadrant = (vi)shifted + shift;
+    vd r = v - n * 1.57079632673412561417e+00;
+    vd w = n * 6.07710050630396597660e-11;
+    vd y = r - w;
+    vd low = (r - y) - w - n * 2.02226624879595063154e-21;
+    vd z = y * y;
+    vd p = z * (8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * (2.75573137070700676789e-06
+           + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))));
+    vd s = y + (low * (1.0 - 0.5 * z) + y * z * (-1.66666666666666324348e-01 + p));
+    vd q = z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05
+           + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)))));
+    vd half = 0.5 * z, head = 1.0 - half;
+    vd c = head + (((1.0 - head) - half) + (q - y * low));
+    vi odd = -(quadrant & 1);
+    vi negative = (quadrant & 2) << 62;
+    vi bits = (((vi)c & odd) | ((vi)s & ~odd)) ^ negative;
+    memcpy(out, &bits, sizeof bits);
+}
+
+static inline void trigonometric(const double *restrict a, double *restrict out, int64_t count, int64_t shift)
+{
+    int64_t i = 0;
+    for (; i + WIDTH <= count; i += WIDTH)
+        sine_cosine(a + i, out + i, shift);
+    if (i < count) {
+        double in[WIDTH] = {0}, rest[WIDTH];
+        memcpy(in, a + i, (size_t)(count - i) * sizeof *in);
+        sine_cosine(in, rest, shift);
+        memcpy(out + i, rest, (size_t)(count - i) * sizeof *rest);
+    }
+    for (i = 0; i < count; i++) /* beyond the reach of the reduction */
+        if (__builtin_expect(!(fabs(a[i]) < 1e6), 0))
+            out[i] = shift ? cos(a[i]) : sin(a[i]);
+}
+
+#define EACH(expression) for (int64_t i = 0; i < count; i++) out[i] = (expression); return
+
+static void element_wise(int op, int64_t count, double *restrict out, const double *restrict a,
+                         const double *restrict b, const double *restrict c)
+{
+    switch (op) {
+    case NEGATIVE: EACH(-a[i]);
+    case ABSOLUTE: EACH(fabs(a[i]));
+    case SQRT: EACH(sqrt(a[i]));
+    case SIN: trigonometric(a, out, count, 0); return;
+    case COS: trigonometric(a, out, count, 1); return;
+    case RINT: EACH(rint(a[i]));
+    case ISNAN: EACH(a[i] != a[i]);
+    case LOGICAL_NOT: EACH(a[i] == 0.0);
+    case FLOOR: EACH(floor(a[i]));
+    case SIGN: EACH((a[i] > 0.0) - (a[i] < 0.0) + (a[i] != a[i] ? a[i] : 0.0));
+    case SQUARE: EACH(a[i] * a[i]);
+    case EXP: EACH(exp(a[i]));
+    case LOG: EACH(log(a[i]));
+    case TAN: EACH(tan(a[i]));
+    case TANH: EACH(tanh(a[i]));
+    case ARCCOS: EACH(acos(a[i]));
+    case ARCSIN: EACH(asin(a[i]));
+    case ARCTAN: EACH(atan(a[i]));
+    case CBRT: EACH(cbrt(a[i]));
+    case EXPM1: EACH(expm1(a[i]));
+    case ADD: EACH(a[i] + b[i]);
+    case SUBTRACT: EACH(a[i] - b[i]);
+    case MULTIPLY: EACH(a[i] * b[i]);
+    case DIVIDE: EACH(a[i] / b[i]);
+    case MAXIMUM: EACH(a[i] >= b[i] || a[i] != a[i] ? a[i] : b[i]);
+    case MINIMUM: EACH(a[i] <= b[i] || a[i] != a[i] ? a[i] : b[i]);
+    case LESS: EACH(a[i] < b[i]);
+    case LESS_EQUAL: EACH(a[i] <= b[i]);
+    case GREATER: EACH(a[i] > b[i]);
+    case GREATER_EQUAL: EACH(a[i] >= b[i]);
+    case EQUAL: EACH(a[i] == b[i]);
+    case NOT_EQUAL: EACH(a[i] != b[i]);
+    case LOGICAL_AND: EACH(a[i] != 0.0 && b[i] != 0.0);
+    case LOGICAL_OR: EACH(a[i] != 0.0 || b[i] != 0.0);
+    case ARCTAN2: EACH(atan2(a[i], b[i]));
+    case POWER: EACH(pow(a[i], b[i]));
+    case HYPOT: EACH(hypot(a[i], b[i]));
+    case WHERE: EACH(a[i] != 0.0 ? b[i] : c[i]);
+    }
+}
+
+/* (rows, inner) @ (inner, columns) constant. */
+static inline __attribute__((always_inline)) void
+matmul_of(const int L, const int64_t columns, int64_t rows, int64_t inner, double *restrict out,
+          const double *restrict a, const double *restrict matrix)
+{
+    for (int64_t i = 0; i < rows; i++, out += columns * L, a += inner * L) {
+        for (int64_t j = 0; j < columns * L; j++)
+            out[j] = 0.0;
+        for (int64_t k = 0; k < inner; k++)
+            for (int64_t j = 0; j < columns; j++)
+                for (int l = 0; l < L; l++)
+                    out[j * L + l] += a[k * L + l] * matrix[k * columns + j];
+    }
+}
+
+static inline __attribute__((always_inline)) void
+matmul_few(const int L, const int columns, int64_t rows, int64_t inner, double *restrict out,
+           const double *restrict a, const double *restrict matrix)
+{
+    for (int64_t i = 0; i < rows; i++, out += columns * L, a += inner * L) {
+        double sum[8 * WIDTH] = {0};
+        for (int64_t k = 0; k < inner; k++)
+            for (int j = 0; j < columns; j++)
+                for (int l = 0; l < L; l++)
+                    sum[j * L + l] += a[k * L + l] * matrix[k * columns + j];
+        memcpy(out, sum, (size_t)(columns * L) * sizeof *sum);
+    }
+}
+
+static inline __attribute__((always_inline)) void
+matmul(const int L, int64_t rows, int64_t inner, int64_t columns, double *restrict out, const double *restrict a,
+       const double *restrict matrix)
+{
+    switch (columns) {
+    case 1: matmul_few(L, 1, rows, inner, out, a, matrix); return;
+    case 2: matmul_few(L, 2, rows, inner, out, a, matrix); return;
+    case 3: matmul_few(L, 3, rows, inner, out, a, matrix); return;
+    case 4: matmul_few(L, 4, rows, inner, out, a, matrix); return;
+    case 6: matmul_few(L, 6, rows, inner, out, a, matrix); return;
+    case 8: matmul_few(L, 8, rows, inner, out, a, matrix); return;
+    default: matmul_of(L, columns, rows, inner, out, a, matrix);
+    }
+}
+
+static void interpolate(int64_t count, double *restrict out, const double *restrict a, int64_t points,
+                        const double *restrict xp, const double *restrict fp)
+{
+    for (int64_t i = 0; i < count; i++) {
+        double x = a[i];
+        if (x != x || x <= xp[0] || x >= xp[points - 1]) {
+            out[i] = x != x ? x : x <= xp[0] ? fp[0] : fp[points - 1];
+            continue;
+        }
+        int64_t low = 0, high = points - 1;
+        while (high - low > 1) {
+            int64_t middle = (low + high) / 2;
+            if (xp[middle] <= x)
+                low = middle;
+            else
+                high = middle;
+        }
+        out[i] = (fp[low + 1] - fp[low]) / (xp[low + 1] - xp[low]) * (x - xp[low]) + fp[low];
+    }
+}
+
+/* The values of an operand, consecutive: in place, or brought into `room`. */
+static inline __attribute__((always_inline)) const double *
+operand(const int L, const int32_t *code, int64_t count, const double *values, const int32_t *tables, double *room)
+{
+    int32_t where = code[0], first = code[1];
+    if (where == RUN)
+        return values + (int64_t)first * L;
+    for (int64_t i = 0; i < count; i++) {
+        int64_t from = where == SAME ? first : tables[first + i];
+        for (int l = 0; l < L; l++)
+            room[i * L + l] = values[from * L + l];
+    }
+    return room;
+}
+
+static inline __attribute__((always_inline)) void
+run_lanes(const int L, const int32_t *code, int64_t operations, const int32_t *tables, const double *matrices,
+          double *restrict values, double *restrict room, int64_t room_size)
+{
+    double *second = room + room_size * L, *third = second + room_size * L;
+    for (int64_t number = 0; number < operations; number++) {
+        int op = code[0];
+        int64_t count = code[1];
+        double *out = values + (int64_t)code[2] * L;
+        const int32_t *operands = code + 4;
+        const int32_t *extra = operands + 2 * code[3];
+        switch (op) {
+        case MATMUL: { /* extra: inner, columns, place of the matrix */
+            int64_t inner = extra[0], columns = extra[1], rows = count / columns;
+            matmul(L, rows, inner, columns, out, operand(L, operands, rows * inner, values, tables, room),
+                   matrices + extra[2]);
+            code = extra + 3;
+            break;
+        }
+        case DOT: { /* extra: terms; operands hold (terms, count) values */
+            int64_t terms = extra[0];
+            const double *a = operand(L, operands, terms * count, values, tables, room);
+            const double *b = operand(L, operands + 2, terms * count, values, tables, second);
+            for (int64_t i = 0; i < count * L; i++)
+                out[i] = a[i] * b[i];
+            for (int64_t k = 1; k < terms; k++)
+                for (int64_t i = 0; i < count * L; i++)
+                    out[i] += a[k * count * L + i] * b[k * count * L + i];
+            code = extra + 1;
+            break;
+        }
+        case INTERP: /* extra: points, places of the tables */
+            interpolate(count * L, out, operand(L, operands, count, values, tables, room), extra[0],
+                        matrices + extra[1], matrices + extra[2]);
+            code = extra + 3;
+            break;
+        default: {
+            const double *a = operand(L, operands, count, values, tables, room);
+            const double *b = code[3] > 1 ? operand(L, operands + 2, count, values, tables, second) : a;
+            const double *c = code[3] > 2 ? operand(L, operands + 4, count, values, tables, third) : a;
+            element_wise(op, count * L, out, a, b, c);
+            code = extra;
+        }
+        }
+    }
+}
+
+static void run_1(const int32_t *code, int64_t operations, const int32_t *tables, const double *matrices,
+                  double *values, double *room, int64_t room_size)
+{
+    run_lanes(1, code, operations, tables, matrices, values, room, room_size);
+}
+
+static void run_8(const int32_t *code, int64_t operations, const int32_t *tables, const double *matrices,
+                  double *values, double *room, int64_t room_size)
+{
+    run_lanes(8, code, operations, tables, matrices, values, room, room_size);
+}
+
+typedef struct {
+    const int32_t *code;
+    const int32_t *tables;
+    const double *matrices;
+    const int32_t *outputs; /* the values to return, of each row */
+    int64_t operations;
+    int64_t constants; /* the inputs follow the constants */
+    int64_t state_inputs; /* of each row of `state` */
+    int64_t other_inputs; /* of each row of `other` */
+    int64_t output_count;
+    int64_t room_size;
+} tape;
+
+/* Run the tape for all rows. state_stride: columns of a row of `state`. Values and room are the working memory of one
+   lane and of eight, with the constants in place. */
+void run_tape(const tape *t, int64_t rows, int64_t state_stride, const double *state, const double *other, double *outputs,
+              double *values_1, double *room_1, double *values_8, double *room_8)
+{
+    int64_t row = 0;
+    while (row < rows) {
+        int64_t left = rows - row;
+        int lanes = left > 2 ? 8 : 1;
+        int64_t used = lanes == 1 ? 1 : left < 8 ? left : 8;
+        double *values = lanes == 1 ? values_1 : values_8;
+        double *in = values + t->constants * lanes;
+        for (int l = 0; l < lanes; l++) {
+            int64_t from = row + (l < used ? l : used - 1);
+            const double *s = state + from * state_stride, *o = other + from * t->other_inputs;
+            for (int64_t i = 0; i < t->state_inputs; i++)
+                in[i * lanes + l] = s[i];
+            for (int64_t i = 0; i < t->other_inputs; i++)
+                in[(t->state_inputs + i) * lanes + l] = o[i];
+        }
+        if (lanes == 1)
+            run_1(t->code, t->operations, t->tables, t->matrices, values, room_1, t->room_size);
+        else
+            run_8(t->code, t->operations, t->tables, t->matrices, values, room_8, t->room_size);
+        for (int64_t l = 0; l < used; l++)
+            for (int64_t i = 0; i < t->output_count; i++)
+                outputs[(row + l) * t->output_count + i] = values[(int64_t)t->outputs[i] * lanes + l];
+        row += used;
+    }
+}
