@@ -122,13 +122,11 @@ class _CompiledMove:
 
     def __init__(self, vessel: Vessel, hull_waves: HullWaves | StillHull, kernel: Kernel, kind: _Kind) -> None:
         commands, propellers = vessel.model.commands, len(vessel.model.propellers)
-        self._battery = vessel.battery is not None
-        self._kind = kind
+        self._commands, self._battery = commands, vessel.battery is not None
         recorder = Recorder()
         # The row of the state
         widths = [3, 3, 4, 9, 3, commands, 6, *([1] if self._battery else [])]
-        self._state_columns = sum(widths)
-        parts = _split(recorder.input((1, self._state_columns)), widths)
+        parts = _split(recorder.input((1, sum(widths))), widths)
         pos, vel, quat, rot, gyro, rotor_speed, half_change, *charge = parts
         motion = Kinematics(pos, vel, pos, quat, rot.reshape(1, 3, 3), gyro, pos)
         battery = BatteryState(charge[0][:, 0], charge[0][:, 0], charge[0][:, 0]) if self._battery else None
@@ -136,8 +134,7 @@ class _CompiledMove:
         widths = [1, 1, 3, 3, commands]
         widths += [2] * kind.drift_held + [6] * kind.contacts
         widths += [commands, commands, propellers, 1, 1, 1] if kind.condition else []
-        self._other_columns = sum(widths)
-        time_s, tide_m, current, wind, command, *others = _split(recorder.input((1, self._other_columns)), widths)
+        time_s, tide_m, current, wind, command, *others = _split(recorder.input((1, sum(widths))), widths)
         drift = others.pop(0) if kind.drift_held else None
         wrench = others.pop(0) if kind.contacts else None
         condition = None
@@ -150,54 +147,63 @@ class _CompiledMove:
         after, surface, drift_frd_n = move(vessel, hull_waves, before, influences)
         # The row of the results begins with the row of the next state
         new = after.motion
-        results = [new.pos_ned_m, new.vel_ned_mps, new.quat_ned_frd, new.rot_ned_frd.reshape(1, 9), new.gyro_frd_radps]
-        results += [after.rotor_speed, after.half_change]
+        results = {"pos": new.pos_ned_m, "vel": new.vel_ned_mps, "quat": new.quat_ned_frd, "rot": new.rot_ned_frd}
+        results |= {"gyro": new.gyro_frd_radps, "rotor": after.rotor_speed, "half": after.half_change}
         if after.battery is not None:
-            results += [after.battery.used_as, after.battery.voltage_v, after.battery.current_a]
-        results += [new.acc_ned_mps2, new.angular_acc_frd_radps2, surface.point_elevation_m, surface.over_hull]
-        results += [drift_frd_n]
-        ends = np.cumsum([result.size for result in results]).tolist()
-        self._columns = [slice(start, end) for start, end in zip([0, *ends], ends, strict=False)]
-        self._program = Program(kernel, recorder, results)
+            results |= {"used": after.battery.used_as, "voltage": after.battery.voltage_v}
+            results |= {"battery_current": after.battery.current_a}
+        results |= {"acc": new.acc_ned_mps2, "angular_acc": new.angular_acc_frd_radps2}
+        results |= {"elevation": surface.point_elevation_m, "over_hull": surface.over_hull, "drift": drift_frd_n}
+        ends = np.cumsum([result.size for result in results.values()]).tolist()
+        self._at = {name: slice(start, end) for name, start, end in zip(results, [0, *ends], ends, strict=False)}
+        self._program = Program(kernel, recorder, list(results.values()))
 
     def __call__(self, state: VesselState, influences: Influences) -> Moved:
-        before = _packed(state, self._battery)
-        rows = len(before)
-        results = self._program.run(before, self._influences(state, influences, rows))
-        return self._unpacked(results, state.condition, influences.tide_m)
+        values, address = _packed(state, self._battery)
+        rows, columns = values.shape
+        self._fill(self._program.other(rows), state.condition, influences)
+        results, place = self._program.run(rows, address, columns)
+        # The arrays of the next state and of the surroundings
+        at = self._at
+        motion = Kinematics(
+            results[:, at["pos"]],
+            results[:, at["vel"]],
+            results[:, at["acc"]],
+            results[:, at["quat"]],
+            results[:, at["rot"]].reshape(rows, 3, 3),
+            results[:, at["gyro"]],
+            results[:, at["angular_acc"]],
+        )
+        rotor_speed, half_change, battery = results[:, at["rotor"]], results[:, at["half"]], None
+        if self._battery:
+            battery = BatteryState(*(results[:, at[name].start] for name in ("used", "voltage", "battery_current")))
+        packed = PackedState(results, place, motion, rotor_speed, half_change, battery)
+        after = VesselState(motion, rotor_speed, half_change, state.condition, battery, packed)
+        surface = HullSurface(results[:, at["elevation"]], results[:, at["over_hull"]], influences.tide_m)
+        return Moved(after, surface, results[:, at["drift"]])
 
-    def _influences(self, state: VesselState, influences: Influences, rows: int) -> Array:
-        """Return the (N, columns) row of each vessel."""
-        other = np.empty((rows, self._other_columns))
+    def _fill(self, other: Array, condition: Condition | None, influences: Influences) -> None:
+        """Put the influences into the (N, columns) rows of the vessels."""
         other[:, 0] = influences.time_s
         other[:, 1] = influences.tide_m
         other[:, 2:5] = influences.current_ned_mps
         other[:, 5:8] = influences.wind_ned_mps
-        column = 8 + state.rotor_speed.shape[1]
+        column = 8 + self._commands
         other[:, 8:column] = influences.command
-        condition = state.condition if self._kind.condition else None
-        further = [influences.drift_frd_n, influences.wrench_frd]
+        if influences.drift_frd_n is not None:
+            other[:, column : column + 2] = influences.drift_frd_n
+            column += 2
+        if influences.wrench_frd is not None:
+            other[:, column : column + 6] = influences.wrench_frd
+            column += 6
         if condition is not None:
             faults = condition.battery
-            further += [condition.sign, condition.held_at, condition.thrust_share, faults.added_resistance_ohm[:, None]]
-            further += [faults.cell_share[:, None], faults.voltage_drop_v[:, None]]
-        for values in further:
-            if values is not None:
-                start, column = column, column + values.shape[1]
-                other[:, start:column] = values
-        return other
-
-    def _unpacked(self, results: Array, condition: Condition | None, tide_m: float) -> Moved:
-        columns = iter(self._columns)
-        pos, vel, quat, rot, gyro, rotor_speed, half_change = (results[:, next(columns)] for _ in range(7))
-        battery = None
-        if self._battery:
-            battery = BatteryState(*(results[:, next(columns).start] for _ in range(3)))
-        acc, angular_acc, elevation_m, over_hull, drift_frd_n = (results[:, column] for column in columns)
-        motion = Kinematics(pos, vel, acc, quat, rot.reshape(-1, 3, 3), gyro, angular_acc)
-        packed = PackedState(results, motion, rotor_speed, half_change, battery)
-        after = VesselState(motion, rotor_speed, half_change, condition, battery, packed)
-        return Moved(after, HullSurface(elevation_m, over_hull, tide_m), drift_frd_n)
+            other[:, column:] = np.column_stack(
+                [
+                    *(condition.sign, condition.held_at, condition.thrust_share),
+                    *(faults.added_resistance_ohm, faults.cell_share, faults.voltage_drop_v),
+                ]
+            )
 
 
 def _split(row: Array, widths: list[int]) -> list[Array]:
@@ -205,11 +211,11 @@ def _split(row: Array, widths: list[int]) -> list[Array]:
     return [row[:, start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
 
-def _packed(state: VesselState, battery: bool) -> Array:
-    """Return the (N, columns) rows of the state. They are there already if a compiled step made the state."""
+def _packed(state: VesselState, battery: bool) -> tuple[Array, int]:
+    """Return the (N, columns) rows of the state, which are there already if a compiled step made it, and their address."""
     packed = state.packed
     if packed is not None and packed.holds(state):
-        return packed.values
+        return packed.values, packed.address
     motion = state.motion
     parts = [motion.pos_ned_m, motion.vel_ned_mps, motion.quat_ned_frd, motion.rot_ned_frd.reshape(-1, 9)]
     parts += [motion.gyro_frd_radps, state.rotor_speed]
@@ -217,4 +223,5 @@ def _packed(state: VesselState, battery: bool) -> Array:
     parts.append(state.half_change)
     if battery and state.battery is not None:
         parts.append(state.battery.used_as[:, None])
-    return np.concatenate(parts, axis=1)
+    values = np.concatenate(parts, axis=1)
+    return values, values.ctypes.data

@@ -16,20 +16,23 @@ enum {
     EXP, LOG, TAN, TANH, ARCCOS, ARCSIN, ARCTAN, CBRT, EXPM1,
     ADD, SUBTRACT, MULTIPLY, DIVIDE, MAXIMUM, MINIMUM, LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL,
     LOGICAL_AND, LOGICAL_OR, ARCTAN2, POWER, HYPOT,
-    WHERE, MATMUL, DOT, INTERP
+    WHERE, MATMUL, DOT, INTERP, SIN_COS
 };
 
 enum { RUN, SAME, TABLE }; /* where an operand lies: consecutive values, one value for all, a table of values */
 
-/* Sine and cosine by reduction to (-pi/4, pi/4) in three parts of pi/2 and the polynomials of fdlibm. */
-static inline void sine_cosine(const double *restrict x, double *restrict out, int64_t shift)
+#define REACH 1e6 /* of the reduction */
+
+/* Sine and cosine of eight angles, by reduction to (-pi/4, pi/4) in three parts of pi/2 and the polynomials of fdlibm.
+   Returns which angles are within reach. */
+static inline __attribute__((always_inline)) vi sine_cosine(const double *restrict x, vd *sine, vd *cosine)
 {
     const double magic = 6755399441055744.0; /* 1.5 * 2^52 rounds to an integer and leaves its bits */
     vd v, magic_v = (vd){0} + magic;
     memcpy(&v, x, sizeof v);
     vd shifted = v * 0.63661977236758134308 + magic_v;
     vd n = shifted - magic_v;
-    vi quadrant = (vi)shifted + shift;
+    vi quadrant = (vi)shifted;
     vd r = v - n * 1.57079632673412561417e+00;
     vd w = n * 6.07710050630396597660e-11;
     vd y = r - w;
@@ -42,26 +45,40 @@ static inline void sine_cosine(const double *restrict x, double *restrict out, i
            + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)))));
     vd half = 0.5 * z, head = 1.0 - half;
     vd c = head + (((1.0 - head) - half) + (q - y * low));
-    vi odd = -(quadrant & 1);
-    vi negative = (quadrant & 2) << 62;
-    vi bits = (((vi)c & odd) | ((vi)s & ~odd)) ^ negative;
-    memcpy(out, &bits, sizeof bits);
+    vi odd = -(quadrant & 1), of_sine = (quadrant & 2) << 62, of_cosine = ((quadrant + 1) & 2) << 62;
+    *sine = (vd)((((vi)c & odd) | ((vi)s & ~odd)) ^ of_sine);
+    *cosine = (vd)((((vi)s & odd) | ((vi)c & ~odd)) ^ of_cosine);
+    return (v < REACH) & (v > -REACH);
 }
 
-static inline void trigonometric(const double *restrict a, double *restrict out, int64_t count, int64_t shift)
+/* Both of each angle, or one where the other is NULL. */
+static inline __attribute__((always_inline)) void
+trigonometric(const double *restrict a, double *restrict sine, double *restrict cosine, int64_t count)
 {
-    int64_t i = 0;
-    for (; i + WIDTH <= count; i += WIDTH)
-        sine_cosine(a + i, out + i, shift);
-    if (i < count) {
-        double in[WIDTH] = {0}, rest[WIDTH];
-        memcpy(in, a + i, (size_t)(count - i) * sizeof *in);
-        sine_cosine(in, rest, shift);
-        memcpy(out + i, rest, (size_t)(count - i) * sizeof *rest);
+    vi within = (vi){0} - 1;
+    for (int64_t i = 0; i < count; i += WIDTH) {
+        double in[WIDTH] = {0};
+        size_t size = (size_t)(count - i < WIDTH ? count - i : WIDTH) * sizeof *in;
+        vd s, c;
+        if (size == sizeof in)
+            within &= sine_cosine(a + i, &s, &c);
+        else
+            memcpy(in, a + i, size), within &= sine_cosine(in, &s, &c);
+        if (sine)
+            memcpy(sine + i, &s, size);
+        if (cosine)
+            memcpy(cosine + i, &c, size);
     }
-    for (i = 0; i < count; i++) /* beyond the reach of the reduction */
-        if (__builtin_expect(!(fabs(a[i]) < 1e6), 0))
-            out[i] = shift ? cos(a[i]) : sin(a[i]);
+    int64_t all = -1;
+    for (int lane = 0; lane < WIDTH; lane++)
+        all &= within[lane];
+    for (int64_t i = 0; !all && i < count; i++)
+        if (!(fabs(a[i]) < REACH)) {
+            if (sine)
+                sine[i] = sin(a[i]);
+            if (cosine)
+                cosine[i] = cos(a[i]);
+        }
 }
 
 #define EACH(expression) for (int64_t i = 0; i < count; i++) out[i] = (expression); return
@@ -73,8 +90,8 @@ static void element_wise(int op, int64_t count, double *restrict out, const doub
     case NEGATIVE: EACH(-a[i]);
     case ABSOLUTE: EACH(fabs(a[i]));
     case SQRT: EACH(sqrt(a[i]));
-    case SIN: trigonometric(a, out, count, 0); return;
-    case COS: trigonometric(a, out, count, 1); return;
+    case SIN: trigonometric(a, out, NULL, count); return;
+    case COS: trigonometric(a, NULL, out, count); return;
     case RINT: EACH(rint(a[i]));
     case ISNAN: EACH(a[i] != a[i]);
     case LOGICAL_NOT: EACH(a[i] == 0.0);
@@ -111,32 +128,46 @@ static void element_wise(int op, int64_t count, double *restrict out, const doub
     }
 }
 
-/* (rows, inner) @ (inner, columns) constant. */
+/* (rows, inner) @ (inner, columns) constant, of one lane. */
 static inline __attribute__((always_inline)) void
-matmul_of(const int L, const int64_t columns, int64_t rows, int64_t inner, double *restrict out,
-          const double *restrict a, const double *restrict matrix)
+matmul_of_one(const int64_t columns, int64_t rows, int64_t inner, double *restrict out, const double *restrict a,
+              const double *restrict matrix)
 {
-    for (int64_t i = 0; i < rows; i++, out += columns * L, a += inner * L) {
-        for (int64_t j = 0; j < columns * L; j++)
+    for (int64_t i = 0; i < rows; i++, out += columns, a += inner) {
+        double few[WIDTH] = {0}, *sum = columns <= WIDTH ? few : out;
+        for (int64_t j = 0; columns > WIDTH && j < columns; j++)
             out[j] = 0.0;
         for (int64_t k = 0; k < inner; k++)
             for (int64_t j = 0; j < columns; j++)
-                for (int l = 0; l < L; l++)
-                    out[j * L + l] += a[k * L + l] * matrix[k * columns + j];
+                sum[j] += a[k] * matrix[k * columns + j];
+        if (columns <= WIDTH)
+            memcpy(out, few, (size_t)columns * sizeof *few);
     }
 }
 
-static inline __attribute__((always_inline)) void
-matmul_few(const int L, const int columns, int64_t rows, int64_t inner, double *restrict out,
-           const double *restrict a, const double *restrict matrix)
+/* The same of eight lanes. */
+static void matmul_of_eight(int64_t rows, int64_t inner, int64_t columns, double *restrict out,
+                            const double *restrict a, const double *restrict matrix)
 {
-    for (int64_t i = 0; i < rows; i++, out += columns * L, a += inner * L) {
-        double sum[8 * WIDTH] = {0};
-        for (int64_t k = 0; k < inner; k++)
-            for (int j = 0; j < columns; j++)
-                for (int l = 0; l < L; l++)
-                    sum[j * L + l] += a[k * L + l] * matrix[k * columns + j];
-        memcpy(out, sum, (size_t)(columns * L) * sizeof *sum);
+    for (int64_t i = 0; i < rows; i++, a += inner * WIDTH) {
+        int64_t j = 0;
+        for (; j + 4 <= columns; j += 4, out += 4 * WIDTH) {
+            vd sum[4] = {{0}}, x;
+            for (int64_t k = 0; k < inner; k++) {
+                memcpy(&x, a + k * WIDTH, sizeof x);
+                for (int t = 0; t < 4; t++)
+                    sum[t] += x * matrix[k * columns + j + t];
+            }
+            memcpy(out, sum, sizeof sum);
+        }
+        for (; j < columns; j++, out += WIDTH) {
+            vd sum = {0}, x;
+            for (int64_t k = 0; k < inner; k++) {
+                memcpy(&x, a + k * WIDTH, sizeof x);
+                sum += x * matrix[k * columns + j];
+            }
+            memcpy(out, &sum, sizeof sum);
+        }
     }
 }
 
@@ -144,14 +175,18 @@ static inline __attribute__((always_inline)) void
 matmul(const int L, int64_t rows, int64_t inner, int64_t columns, double *restrict out, const double *restrict a,
        const double *restrict matrix)
 {
-    switch (columns) {
-    case 1: matmul_few(L, 1, rows, inner, out, a, matrix); return;
-    case 2: matmul_few(L, 2, rows, inner, out, a, matrix); return;
-    case 3: matmul_few(L, 3, rows, inner, out, a, matrix); return;
-    case 4: matmul_few(L, 4, rows, inner, out, a, matrix); return;
-    case 6: matmul_few(L, 6, rows, inner, out, a, matrix); return;
-    case 8: matmul_few(L, 8, rows, inner, out, a, matrix); return;
-    default: matmul_of(L, columns, rows, inner, out, a, matrix);
+    if (L > 1) {
+        matmul_of_eight(rows, inner, columns, out, a, matrix);
+        return;
+    }
+    switch (columns) { /* loops of known length are faster */
+    case 1: matmul_of_one(1, rows, inner, out, a, matrix); return;
+    case 2: matmul_of_one(2, rows, inner, out, a, matrix); return;
+    case 3: matmul_of_one(3, rows, inner, out, a, matrix); return;
+    case 4: matmul_of_one(4, rows, inner, out, a, matrix); return;
+    case 6: matmul_of_one(6, rows, inner, out, a, matrix); return;
+    case 15: matmul_of_one(15, rows, inner, out, a, matrix); return;
+    default: matmul_of_one(columns, rows, inner, out, a, matrix);
     }
 }
 
@@ -226,6 +261,10 @@ run_lanes(const int L, const int32_t *code, int64_t operations, const int32_t *t
             interpolate(count * L, out, operand(L, operands, count, values, tables, room), extra[0],
                         matrices + extra[1], matrices + extra[2]);
             code = extra + 3;
+            break;
+        case SIN_COS: /* the cosines follow the sines */
+            trigonometric(operand(L, operands, count, values, tables, room), out, out + count * L, count * L);
+            code = extra;
             break;
         default: {
             const double *a = operand(L, operands, count, values, tables, room);

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy import float64, int32
@@ -19,10 +18,11 @@ from numpy.typing import NDArray
 
 from sim_core.frames import Array
 from sim_core.tape.library import Kernel
-from sim_core.tape.traced import DOT, INTERP, MATMUL, OPERATIONS, Numbers, Operation, Recorder, Traced
+from sim_core.tape.traced import DOT, INTERP, MATMUL, OPERATIONS, SIN_COS, Numbers, Operation, Recorder, Traced
 
 _RUN, _SAME, _TABLE = range(3)
 _LANES = (1, 8)
+_PARTS = 64  # rows of results that are made at once
 
 
 class _Tape(ctypes.Structure):
@@ -35,11 +35,30 @@ class _Tape(ctypes.Structure):
     )
 
 
-class _Room(NamedTuple):
+class _Room:
     """Working memory of one thread."""
 
-    arrays: tuple[Array, ...]
-    addresses: tuple[int, ...]
+    def __init__(self, constants: Array, values: int, operands: int) -> None:
+        self.other: dict[int, tuple[Array, int]] = {}
+        """For each number of rows, the array of the other inputs and its address."""
+        self.results: dict[int, Iterator[tuple[Array, int]]] = {}
+        """For each number of rows, arrays for results and their addresses."""
+        self._arrays: list[Array] = []
+        for lanes in _LANES:
+            of_lanes = np.zeros((values, lanes))
+            of_lanes[: len(constants)] = constants[:, None]
+            self._arrays += [of_lanes, np.empty(3 * operands * lanes)]
+        self.addresses = tuple(array.ctypes.data for array in self._arrays)
+
+
+def _new_results(rows: int, columns: int) -> Iterator[tuple[Array, int]]:
+    """Yield new arrays (rows, columns) and their addresses. Small ones are parts of one, which costs less."""
+    parts = max(_PARTS // rows, 1)
+    while True:
+        block = np.empty((parts, rows, columns))
+        first, size = block.ctypes.data, block.itemsize * rows * columns
+        for part in range(parts):
+            yield block[part], first + part * size
 
 
 class Program:
@@ -50,15 +69,14 @@ class Program:
     """
 
     def __init__(self, kernel: Kernel, recorder: Recorder, outputs: Sequence[Traced | Array]) -> None:
-        self._kernel = kernel
+        self._run = kernel.run_tape
         state, other = recorder.inputs
         wanted = np.concatenate([recorder.numbers(output).ravel() for output in outputs])
-        operations = _needed(recorder.operations, wanted)
+        operations = _paired(_needed(recorder.operations, wanted))
         # Places of the values: constants, inputs, results
         constants = sorted(recorder.constants)
-        order = np.concatenate([np.array(constants, dtype=np.int64), state, other, *(o.result for o in operations)])
-        place = np.full(int(order.max()) + 1, -1)
-        place[order] = np.arange(len(order))
+        fixed = np.concatenate([np.array(constants, dtype=np.int64), state, other])
+        place = _places(fixed, operations, wanted)
         # The code
         tables: list[NDArray[int32]] = []
         matrices: list[Array] = []
@@ -77,33 +95,33 @@ class Program:
         )
         self._address = ctypes.addressof(self._tape)
         self._constants = np.array([recorder.constants[number] for number in constants])
-        self._values, self._room = len(order), room
+        self._values, self._operands, self._other = int(place.max()) + 1, room, len(other)
         self._threads = threading.local()
 
-    def run(self, state: Array, other: Array) -> Array:
-        """Return (N, outputs). Both inputs are contiguous, of float64. `state` may have more columns than are read."""
-        room = getattr(self._threads, "room", None) or self._make_room()
-        rows = len(state)
-        outputs = np.empty((rows, self.outputs))
-        self._kernel.run_tape(
-            self._address,
-            rows,
-            state.shape[1],
-            state.ctypes.data,
-            other.ctypes.data,
-            outputs.ctypes.data,
-            *room.addresses,
-        )
-        return outputs
+    def other(self, rows: int) -> Array:
+        """Return this thread's (rows, other) array. Fill it before `run`."""
+        room = self._room_of_thread()
+        if rows not in room.other:
+            array = np.empty((rows, self._other))
+            room.other[rows] = array, array.ctypes.data
+            room.results[rows] = _new_results(rows, self.outputs)
+        return room.other[rows][0]
 
-    def _make_room(self) -> _Room:
-        arrays: list[Array] = []
-        for lanes in _LANES:
-            values = np.zeros((self._values, lanes))
-            values[: len(self._constants)] = self._constants[:, None]
-            arrays += [values, np.empty(3 * self._room * lanes)]
-        room = _Room(tuple(arrays), tuple(array.ctypes.data for array in arrays))
-        self._threads.room = room
+    def run(self, rows: int, state_address: int, state_columns: int) -> tuple[Array, int]:
+        """Return a new array (rows, outputs) and its address.
+
+        The state lies at an address, (rows, state_columns) of float64, of which the first columns are the inputs.
+        """
+        room = self._room_of_thread()
+        results, address = next(room.results[rows])
+        other_address = room.other[rows][1]
+        self._run(self._address, rows, state_columns, state_address, other_address, address, *room.addresses)
+        return results, address
+
+    def _room_of_thread(self) -> _Room:
+        room: _Room | None = getattr(self._threads, "room", None)
+        if room is None:
+            room = self._threads.room = _Room(self._constants, self._values, self._operands)
         return room
 
 
@@ -119,8 +137,66 @@ def _needed(operations: Sequence[Operation], wanted: Numbers) -> list[Operation]
     return kept[::-1]
 
 
+def _paired(operations: Sequence[Operation]) -> list[Operation]:
+    """Return the operations with sine and cosine of equal angles as one."""
+    paired: list[Operation] = []
+    first: dict[bytes, int] = {}
+    for operation in operations:
+        if operation.name not in ("sin", "cos"):
+            paired.append(operation)
+            continue
+        angles = operation.operands[0].tobytes()
+        index = first.setdefault(angles, len(paired))
+        if index == len(paired) or paired[index].name in (SIN_COS, operation.name):
+            paired.append(operation)
+            continue
+        both = sorted((paired[index], operation), key=lambda part: part.name == "cos")
+        paired[index] = Operation(SIN_COS, np.concatenate([part.result for part in both]), operation.operands)
+    return paired
+
+
+def _places(fixed: Numbers, operations: Sequence[Operation], wanted: Numbers) -> Numbers:
+    """Return the place of each value. A result takes the place of results that are needed no more.
+
+    fixed: the values that keep the first places.
+    """
+    values = max([int(fixed.max(initial=-1)), *(int(operation.result.max()) for operation in operations)]) + 1
+    # The last operation that needs each value
+    last = np.full(values, -1)
+    for number, operation in enumerate(operations):
+        for operand in operation.operands:
+            last[operand] = number
+    last[wanted] = len(operations)
+    # Places for each result, which it gives back after that operation
+    place = np.full(values, -1)
+    place[fixed] = np.arange(len(fixed))
+    free = [(len(fixed), sum(operation.result.size for operation in operations))]
+    given_back: dict[int, list[tuple[int, int]]] = {}
+    for number, operation in enumerate(operations):
+        wide = operation.result.size
+        index = next(index for index, (_, size) in enumerate(free) if size >= wide)
+        first, size = free[index]
+        free[index : index + 1] = [(first + wide, size - wide)] if size > wide else []
+        place[operation.result] = np.arange(first, first + wide)
+        given_back.setdefault(max(int(last[operation.result].max()), number), []).append((first, wide))
+        free = _merged([*free, *given_back.pop(number, [])])
+    return place
+
+
+def _merged(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return spans of places (first, size) in order, neighbours joined."""
+    merged: list[tuple[int, int]] = []
+    for first, size in sorted(spans):
+        if merged and sum(merged[-1]) == first:
+            merged[-1] = merged[-1][0], merged[-1][1] + size
+        else:
+            merged.append((first, size))
+    return merged
+
+
 def _encoded(operation: Operation, place: Numbers, tables: list[NDArray[int32]], matrices: list[Array]) -> list[int]:
-    code = [OPERATIONS.index(operation.name), operation.result.size, int(place[operation.result[0]])]
+    count = operation.operands[0].size if operation.name == SIN_COS else operation.result.size
+    code = [OPERATIONS.index(operation.name), count, int(place[operation.result[0]])]
     code.append(len(operation.operands))
     for operand in operation.operands:
         code += _operand(place[operand], tables)

@@ -31,8 +31,8 @@ ELEMENT_WISE = (
     *("greater_equal", "equal", "not_equal", "logical_and", "logical_or", "arctan2", "power", "hypot", "where"),
 )
 """Operations on each value, in the order of kernel.c."""
-MATMUL, DOT, INTERP = "matmul", "dot", "interp"
-OPERATIONS = (*ELEMENT_WISE, MATMUL, DOT, INTERP)
+MATMUL, DOT, INTERP, SIN_COS = "matmul", "dot", "interp", "sin_cos"
+OPERATIONS = (*ELEMENT_WISE, MATMUL, DOT, INTERP, SIN_COS)
 
 
 class NotRecordableError(Exception):

@@ -59,6 +59,8 @@ class PackedState:
 
     values: Array
     """(N, columns)."""
+    address: int
+    """Place of `values` in memory."""
     motion: Kinematics
     rotor_speed: Array
     half_change: Array
