@@ -165,6 +165,11 @@ class Fleet:
         return replace(self, batches=tuple(simulation.in_environment(environment) for simulation in self.batches))
 
     @property
+    def why_numpy(self) -> str | None:
+        """Reason why the steps of some vessels run in numpy, None if all run compiled."""
+        return next((batch.why_numpy for batch in self.batches if batch.why_numpy), None)
+
+    @property
     def environment(self) -> Environment:
         """Environment of all vessels."""
         return self.batches[0].environment

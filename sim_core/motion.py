@@ -147,6 +147,7 @@ class _CompiledMove:
         after, surface, drift_frd_n = move(vessel, hull_waves, before, influences)
         # The row of the results begins with the row of the next state
         new = after.motion
+        assert after.half_change is not None
         results = {"pos": new.pos_ned_m, "vel": new.vel_ned_mps, "quat": new.quat_ned_frd, "rot": new.rot_ned_frd}
         results |= {"gyro": new.gyro_frd_radps, "rotor": after.rotor_speed, "half": after.half_change}
         if after.battery is not None:
@@ -212,7 +213,7 @@ def _split(row: Array, widths: list[int]) -> list[Array]:
 
 
 def _packed(state: VesselState, battery: bool) -> tuple[Array, int]:
-    """Return the (N, columns) rows of the state, which are there already if a compiled step made it, and their address."""
+    """Return the (N, columns) rows of the state and their address. A compiled step has made them already."""
     packed = state.packed
     if packed is not None and packed.holds(state):
         return packed.values, packed.address

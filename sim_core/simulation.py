@@ -64,6 +64,11 @@ class Simulation:
         motion, outline = MotionStep(vessel, hull_waves), Outline.from_spec(model)
         return cls(vessel, environment, hull_waves, motion, wave_drift, dt_s, dt_ns, drift_ns, outline, waterway)
 
+    @property
+    def why_numpy(self) -> str | None:
+        """Reason why the steps run in numpy, None if they run compiled."""
+        return self.motion.why_numpy
+
     def in_environment(self, environment: Environment) -> Simulation:
         """Return the same vessel in another environment of the same water."""
         if environment.waves is self.environment.waves:

@@ -22,7 +22,14 @@ PACKAGES = ("numpy", "yaml", "mcap", "foxglove", "rich", "typer")
 def examine_simulating() -> list[DoctorFinding]:
     """Return findings on this machine, those of plug-ins last."""
     of_plugins = [finding for _, check in load_all(DOCTOR_CHECKS) for finding in check()]
-    own = [check_packages(), *check_extras(), *check_firmware(), *check_ports(), check_pseudo_terminals()]
+    own = [
+        check_packages(),
+        check_physics(),
+        *check_extras(),
+        *check_firmware(),
+        *check_ports(),
+        check_pseudo_terminals(),
+    ]
     return [*own, *check_plugins(), *of_plugins]
 
 
@@ -41,6 +48,18 @@ def check_packages() -> DoctorFinding:
     if missing:
         return DoctorFinding("packages", PROBLEM, f"not installed: {', '.join(missing)}", "pip install xitl")
     return DoctorFinding("packages", OK, "all that a run needs")
+
+
+def check_physics() -> DoctorFinding:
+    """Say whether the physics runs compiled. It runs in numpy otherwise, which needs more time."""
+    from sim_core.tape.library import NoKernelError, load_kernel
+
+    try:
+        load_kernel()
+    except NoKernelError as error:
+        reason, _, advice = str(error).partition("; ")
+        return DoctorFinding("physics", OK, f"in numpy, a third to a half slower ({reason})", advice)
+    return DoctorFinding("physics", OK, "compiled")
 
 
 def check_extras() -> Iterator[DoctorFinding]:

@@ -63,8 +63,8 @@ class Recorder:
         self._next = 0
         self._same: dict[bytes, Numbers] = {}
 
-    def input(self, shape: tuple[int, ...]) -> Traced:
-        """Return an array whose values are given at each run."""
+    def input(self, shape: tuple[int, ...]) -> Any:
+        """Return a `Traced` array whose values are given at each run. It stands for an array of numpy."""
         numbers = self._new(int(np.prod(shape)))
         self.inputs.append(numbers)
         return self._array(numbers, shape)
@@ -151,7 +151,7 @@ class Traced(NDArrayOperatorsMixin):
         return self.cells.size
 
     @property
-    def T(self) -> Traced:
+    def T(self) -> Traced:  # noqa: N802  numpy's name
         """Transposed view."""
         return Traced(self.recorder, self.cells.T)
 

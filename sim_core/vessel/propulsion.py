@@ -432,7 +432,7 @@ class SteeredPropulsion:
         flow = np.concatenate((nu_r, air_frd_mps), axis=1)
         propellers, gears = self.law.per_mps.size, self.geared.size
         speed, angle = actuators[:, :propellers], actuators[:, propellers:] * self.full_angle_rad
-        turned = np.zeros(speed.shape)
+        turned = np.zeros_like(speed)
         turned[:, self.geared] = angle[:, :gears]
         cosine, sine = np.cos(turned), np.sin(turned)
         advance = cosine * (flow @ self.inflow) + sine * (flow @ self.inflow_to_port)

@@ -100,8 +100,7 @@ class Rudders:
         along, across = local[:, :rudders], local[:, rudders:]
         if not self.raced.size:
             return self._plate_n(angle_rad, along, across)
-        both = np.empty((len(flow), 2, rudders))  # outside the race and in it
-        both[:] = along[:, None]
+        both = np.stack((along, along), axis=1)  # outside the race and in it
         both[:, 1, self.raced] = self._in_race_mps(thrust_n[:, self.propeller], flow @ self.race_inflow)
         ahead_n, right_n = self._plate_n(angle_rad[:, None], both, across[:, None])
         return (self.shares * ahead_n).sum(axis=1), (self.shares * right_n).sum(axis=1)

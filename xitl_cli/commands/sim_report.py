@@ -143,8 +143,9 @@ def verdict_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield f"not completed: {verdict['why']}", "bold red"
     took = f"{summary['duration_s']:.1f} s in {summary['wall_s']:.1f} s"
     factor = summary["real_time_factor"]
+    slow = "" if summary["physics"]["compiled"] else ", physics in numpy"
     if verdict["real_time"] is None:
-        yield f"lockstep: {took}" + (f", {factor:.1f}× real time" if factor else ""), ""
+        yield f"lockstep: {took}" + (f", {factor:.1f}× real time" if factor else "") + slow, ""
     elif verdict["real_time"]:
         yield f"real time kept: {took}", "bold green"
     else:

@@ -323,6 +323,7 @@ def _execute(
         duration_s=plant.state.time_ns * 1e-9,
         wall_s=wall_s,
         completed=loop.completed,
+        why_numpy=plant.simulation.why_numpy,
         vessels=tuple(
             VesselOutcome(vessel.awaited, vessel.control.progress.completed, view.held_s, loop.losses.get(vessel.name))
             for vessel, view in zip(nodes.vessels, plant.vessels, strict=True)

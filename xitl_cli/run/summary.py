@@ -46,6 +46,8 @@ class RunOutcome:
     """The controlling nodes of the awaited vessels did their task."""
     vessels: tuple[VesselOutcome, ...]
     """The vessels in their order."""
+    why_numpy: str | None = None
+    """Reason why the physics ran in numpy; None if it ran compiled."""
     timed: bool = False
     """The user gave the duration, so a run that reaches it has done what was asked."""
 
@@ -173,6 +175,7 @@ def _head(
         "verdict": verdict,
         **claimed,
         "duration_s": outcome.duration_s,
+        "physics": {"compiled": outcome.why_numpy is None, "why_numpy": outcome.why_numpy},
         "wall_s": outcome.wall_s,
         "real_time_factor": outcome.duration_s / outcome.wall_s if outcome.wall_s > 0 else None,
     }

@@ -74,7 +74,7 @@ def test_what_is_the_runs_is_at_the_top_and_what_is_a_vessels_is_in_its_part(alo
     outcome = RunOutcome(Ending.FINISHED, None, None, "", 60.0, 60.0, True, (VesselOutcome(True, True, 0.0),))
     own = summary_of(alone, outcome, merged([part(1), {"pace": PaceReport()}]))
     run = ("format", "xitl", "profile", "seed", "clock", "started_utc", "ended", "error", "duration_s", "wall_s")
-    left = set(own) - {*run, "real_time_factor", "pace", "debris", "operator"}
+    left = set(own) - {*run, "real_time_factor", "physics", "pace", "debris", "operator"}
     assert left <= set(summary["vessels"]["boat_1"])  # as those of a vessel alone
     assert {*run, "real_time_factor", "pace", "debris", "verdict"} <= set(summary)
     assert summary["vessels"]["boat_2"]["mission"]["cross_track_rms_m"] == pytest.approx(0.2)

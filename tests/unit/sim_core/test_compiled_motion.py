@@ -1,0 +1,206 @@
+"""The compiled step against the same step in numpy, for every shipped vessel."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim_core.environment.environment import Environment
+from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.waves import realise_waves
+from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.motion import Influences, MotionStep, Moved, move
+from sim_core.simulation import Simulation, SimulationState, initial, step
+from sim_core.tape.library import NoKernelError, load_kernel
+from sim_core.vessel.condition import ActuatorFault, BatteryFault, make_condition
+from sim_core.vessel.vessel import VesselState, at_rest
+from xitl_cli.profile import load_profile
+from xitl_cli.profile.files.catalogue import shipped_profiles
+
+VEHICLES = [name for name in shipped_profiles() if name.startswith("vehicles/")]
+SEAS = {
+    "flat": WaveSpec(),
+    "regular": WaveSpec("regular", 0.3, 3.0, 40.0),
+    "random": WaveSpec("jonswap", 0.25, 2.2, 200.0, spreading=8.0),
+}
+TOLERANCE = 1e-9
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _needs_a_kernel() -> None:
+    try:
+        load_kernel()
+    except NoKernelError as error:
+        pytest.skip(str(error))
+
+
+@cache
+def simulation(vehicle: str, sea: str) -> Simulation:
+    model, water = load_profile(vehicle).vehicle, Water()
+    assert model is not None
+    waves = realise_waves(SEAS[sea], water, np.random.default_rng(4))
+    return Simulation.from_spec(model, Environment(water=water, waves=waves), 0.0025)
+
+
+def any_state(simulated: Simulation, draw: np.random.Generator, vessels: int) -> VesselState:
+    """Return vessels anywhere near the surface, with speeds beyond those of a mission."""
+    vessel = simulated.vessel
+    state = at_rest(vessel, draw.uniform(-500.0, 500.0, (vessels, 2)), np.zeros(vessels))
+    motion = state.motion
+    quat = euler_to_quat(draw.uniform((-0.6, -0.6, -3.1), (0.6, 0.6, 3.1), (vessels, 3)))
+    motion = replace(
+        motion,
+        pos_ned_m=motion.pos_ned_m + draw.normal(0.0, 0.2, (vessels, 3)) * [0.0, 0.0, 1.0],
+        vel_ned_mps=draw.normal(0.0, 2.0, (vessels, 3)),
+        quat_ned_frd=quat,
+        rot_ned_frd=quat_to_matrix(quat),
+        gyro_frd_radps=draw.normal(0.0, 0.7, (vessels, 3)),
+    )
+    battery = state.battery
+    if battery is not None:
+        battery = replace(battery, used_as=draw.uniform(0.0, 3e5, vessels))
+    commands = vessel.model.commands
+    return VesselState(
+        motion,
+        draw.uniform(-1.0, 1.0, (vessels, commands)),
+        draw.normal(0.0, 0.01, (vessels, 6)),
+        None,
+        battery,
+    )
+
+
+def any_influences(simulated: Simulation, draw: np.random.Generator, vessels: int) -> Influences:
+    def sometimes(values: np.ndarray) -> np.ndarray | None:
+        return values if draw.random() < 0.5 else None
+
+    return Influences(
+        time_s=draw.uniform(0.0, 20_000.0),
+        tide_m=draw.uniform(-2.0, 2.0),
+        current_ned_mps=draw.normal(0.0, 1.0, (vessels, 3)),
+        wind_ned_mps=draw.normal(0.0, 10.0, (1, 3)),
+        drift_frd_n=sometimes(draw.normal(0.0, 20.0, (vessels, 2))),
+        command=draw.uniform(-1.5, 1.5, (vessels, simulated.vessel.model.commands)),
+        wrench_frd=sometimes(draw.normal(0.0, 300.0, (vessels, 6))),
+    )
+
+
+def any_condition(simulated: Simulation, draw: np.random.Generator) -> Any:
+    if draw.random() < 0.5:
+        return None
+    model = simulated.vessel.model
+    name = str(draw.choice(model.command_names))
+    held = None if draw.random() < 0.5 else float(draw.uniform(-1.0, 1.0))
+    faults = [ActuatorFault(name, float(draw.random()), held, bool(draw.random() < 0.5))]
+    return make_condition(model, faults, [BatteryFault(0.05, 1, 2.0)])
+
+
+def arrays_of(moved: Moved) -> dict[str, np.ndarray]:
+    motion = moved.vessel.motion
+    values = {field.name: getattr(motion, field.name) for field in fields(motion)}
+    values |= {"rotor": moved.vessel.rotor_speed, "half_change": moved.vessel.half_change, "drift": moved.drift_frd_n}
+    values |= {"elevation": moved.surface.point_elevation_m, "over_hull": moved.surface.over_hull}
+    if moved.vessel.battery is not None:
+        values |= {
+            f"battery {field.name}": getattr(moved.vessel.battery, field.name) for field in fields(moved.vessel.battery)
+        }
+    return values
+
+
+def assert_same(compiled: Moved, reference: Moved) -> None:
+    wanted = arrays_of(reference)
+    for name, values in arrays_of(compiled).items():
+        scale = max(float(np.abs(wanted[name]).max(initial=0.0)), 1e-3)
+        assert values.shape == wanted[name].shape, name
+        assert np.abs(values - wanted[name]).max(initial=0.0) <= TOLERANCE * scale, name
+
+
+@pytest.mark.parametrize("sea", SEAS)
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1), vessels=st.sampled_from([1, 2, 5]))
+def test_a_compiled_step_is_the_step_of_numpy(vehicle: str, sea: str, seed: int, vessels: int) -> None:
+    simulated, draw = simulation(vehicle, sea), np.random.default_rng(seed)
+    state, influences = any_state(simulated, draw, vessels), any_influences(simulated, draw, vessels)
+    if vessels == 1:
+        state = replace(state, condition=any_condition(simulated, draw))
+    compiled = simulated.motion.step(state, influences)
+    assert simulated.motion.why_numpy is None
+    assert compiled.vessel.packed is not None
+    reference = move(simulated.vessel, simulated.hull_waves, state, influences)
+    assert_same(compiled, reference)
+    # The next step begins from the packed state
+    assert_same(
+        simulated.motion.step(compiled.vessel, influences),
+        move(simulated.vessel, simulated.hull_waves, compiled.vessel, influences),
+    )
+
+
+def test_a_changed_part_of_a_packed_state_counts() -> None:
+    simulated, draw = simulation("vehicles/otter", "random"), np.random.default_rng(5)
+    influences = any_influences(simulated, draw, 1)
+    state = simulated.motion.step(any_state(simulated, draw, 1), influences).vessel
+    faster = replace(state.motion, vel_ned_mps=state.motion.vel_ned_mps + 1.0)
+    changed = replace(state, motion=faster)
+    assert_same(
+        simulated.motion.step(changed, influences), move(simulated.vessel, simulated.hull_waves, changed, influences)
+    )
+
+
+def test_a_vessel_moves_the_same_alone_and_in_a_batch() -> None:
+    simulated, draw = simulation("vehicles/blueboat", "random"), np.random.default_rng(6)
+    state, influences = any_state(simulated, draw, 11), any_influences(simulated, draw, 11)
+    together = arrays_of(simulated.motion.step(state, influences))
+    for row in range(11):
+        own = slice(row, row + 1)
+        motion = type(state.motion)(*(getattr(state.motion, field.name)[own] for field in fields(state.motion)))
+        alone = VesselState(motion, state.rotor_speed[own], state.half_change[own], None, state.battery)
+        if state.battery is not None:
+            parts = (getattr(state.battery, field.name)[own] for field in fields(state.battery))
+            alone = replace(alone, battery=type(state.battery)(*parts))
+        of_row = replace(
+            influences,
+            current_ned_mps=influences.current_ned_mps[own],
+            drift_frd_n=None if influences.drift_frd_n is None else influences.drift_frd_n[own],
+            command=influences.command[own],
+            wrench_frd=None if influences.wrench_frd is None else influences.wrench_frd[own],
+        )
+        for name, values in arrays_of(simulated.motion.step(alone, of_row)).items():
+            np.testing.assert_array_equal(values, together[name][own], err_msg=name)
+
+
+def sailed(simulated: Simulation, seconds: float, numpy: bool) -> SimulationState:
+    rng = np.random.default_rng(7)
+    simulated = replace(simulated, motion=MotionStep(simulated.vessel, simulated.hull_waves))
+    if numpy:
+        simulated.motion.step = lambda state, influences: move(  # type: ignore[method-assign]
+            simulated.vessel, simulated.hull_waves, state, influences
+        )
+    state = initial(simulated, np.zeros((1, 2)), np.array([0.4]), rng)
+    commands = np.array([[0.8, 0.65]])
+    for _ in range(round(seconds / simulated.dt_s)):
+        state = step(simulated, state, commands, rng)
+    return state
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sea", "most_m"), [("flat", 1e-3), ("random", 1e-3)])
+def test_a_long_way_ends_at_the_same_place(sea: str, most_m: float) -> None:
+    simulated = simulation("vehicles/asv-full", sea)
+    compiled, reference = (sailed(simulated, 150.0, numpy) for numpy in (False, True))
+    apart_m = np.linalg.norm(compiled.vessel.motion.pos_ned_m - reference.vessel.motion.pos_ned_m)
+    travelled_m = np.linalg.norm(reference.vessel.motion.pos_ned_m[0, :2])
+    assert travelled_m > 20.0
+    assert apart_m < most_m
+
+
+def test_a_run_repeats_bit_for_bit() -> None:
+    simulated = simulation("vehicles/asv-full", "random")
+    first, second = (sailed(simulated, 5.0, False).vessel.motion for _ in range(2))
+    for field in fields(first):
+        np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name))
