@@ -70,14 +70,17 @@ def _processor() -> str:
 
 def _folder() -> Path:
     """Return the private folder of compiled kernels. Raises NoKernelError if others may write there."""
+    own, base = os.environ.get("XITL_CACHE"), os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     try:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "xitl"
+        root = Path(own or f"{base}/xitl").expanduser().absolute()
+        folder = root / "physics"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = folder.stat()
+        for part in (root, folder):
+            status = part.stat()
+            if status.st_uid != os.getuid() or status.st_mode & 0o022:
+                raise NoKernelError(f"others may write to {part}; make it yours, and chmod 700 {part}")
     except (OSError, RuntimeError) as error:
-        raise NoKernelError(f"no folder for the kernel ({error}); set XDG_CACHE_HOME to a folder of yours") from error
-    if status.st_uid != os.getuid() or status.st_mode & 0o022:
-        raise NoKernelError(f"others may write to {folder}; make it yours, and chmod 700 {folder}")
+        raise NoKernelError(f"no folder for the kernel ({error}); set XITL_CACHE to a folder of yours") from error
     return folder
 
 

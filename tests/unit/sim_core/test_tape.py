@@ -162,21 +162,24 @@ def test_what_cannot_be_recorded_says_so(function: Callable[..., Any], says: str
 
 
 def test_the_kernel_is_compiled_once_into_a_private_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("XITL_CACHE", str(tmp_path / "cache"))
     path = compiled_kernel()
-    assert path.parent == tmp_path / "xitl"
+    assert path.parent == tmp_path / "cache" / "physics"
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
     made = path.stat().st_mtime_ns
     assert compiled_kernel().stat().st_mtime_ns == made
     assert [entry.name for entry in path.parent.iterdir()] == [path.name]
 
 
+@pytest.mark.parametrize("part", ["cache", "physics"])
 def test_no_kernel_is_taken_from_a_folder_in_which_others_may_write(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    (tmp_path / "xitl").mkdir()
-    (tmp_path / "xitl").chmod(0o777)
+    monkeypatch.setenv("XITL_CACHE", str(tmp_path / "cache"))
+    folder = tmp_path / "cache" / "physics"
+    folder.mkdir(parents=True)
+    writable = folder if part == "physics" else folder.parent
+    writable.chmod(0o777)
     with pytest.raises(NoKernelError, match=r"others may write to .*chmod 700"):
         compiled_kernel()
 
@@ -189,14 +192,14 @@ def test_a_machine_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_compiler_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("XITL_CACHE", str(tmp_path / "cache"))
     compiler = tmp_path / "broken"
     compiler.write_text("#!/bin/sh\necho 'fatal error: math.h: No such file' >&2\nexit 1\n")
     compiler.chmod(0o700)
     monkeypatch.setenv("CC", str(compiler))
     with pytest.raises(NoKernelError, match=r"cannot compile kernel\.c: fatal error: math\.h"):
         compiled_kernel()
-    assert list((tmp_path / "xitl").iterdir()) == []
+    assert list((tmp_path / "cache" / "physics").iterdir()) == []
 
 
 def test_the_switch_chooses_numpy() -> None:
