@@ -48,9 +48,11 @@ def load_kernel() -> Kernel:
 
 def compiled_kernel() -> Path:
     """Return the compiled kernel of this version, compiler and processor. Raises NoKernelError."""
+    if sys.platform == "win32":
+        raise NoKernelError("Windows has no compiled physics; use WSL")
     wanted = os.environ.get("CC")
     compiler = next(filter(None, map(shutil.which, [wanted] if wanted else _COMPILERS)), None)
-    if sys.platform == "win32" or compiler is None:
+    if compiler is None:
         raise NoKernelError(f"no C compiler ({wanted or ', '.join(_COMPILERS)}); install gcc or clang")
     marks = (_SOURCE.read_text(encoding="utf-8"), *_FLAGS, compiler, Path(compiler).stat().st_mtime_ns, _processor())
     path = _folder() / f"kernel-{sha256(repr(marks).encode()).hexdigest()[:20]}.so"

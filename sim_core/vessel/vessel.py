@@ -66,6 +66,10 @@ class PackedState:
     half_change: Array
     battery: BatteryState | None
 
+    def __reduce__(self) -> tuple[type[None], tuple[()]]:
+        """Leave it out of copies and pickles, where its address would be wrong."""
+        return type(None), ()
+
     def holds(self, state: VesselState) -> bool:
         """Return whether the parts of a state are those that lie in `values`."""
         return (
