@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from numpy.random import Generator
 
 from sim_core.environment import environment as surroundings_model
@@ -17,6 +18,7 @@ from sim_core.environment.tide import NO_TIDE
 from sim_core.environment.waves import FlatWater, HullSurface, HullWaves, StillHull, WaveField
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
+from sim_core.rows import Rows, with_rows
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.condition import Condition
 from sim_core.vessel.spec import VesselSpec
@@ -119,6 +121,36 @@ def at_start(simulation: Simulation, vessel: VesselState, environment: Environme
     flows = _flows_at(simulation, environment, vessel.motion, 0.0)
     around = _around(simulation, flows, vessel.motion, 0.0, None)
     return SimulationState(0, vessel, environment, *flows, around.drift_frd_n, around.surface)
+
+
+def restarted(
+    simulation: Simulation, state: SimulationState, rows: Rows, north_east_m: Array, yaw_rad: Array, rng: Generator
+) -> SimulationState:
+    """Return `state` with the vessels of K rows at rest again, at (K, 2) positions and (K,) headings.
+
+    Their current and wind are drawn anew from the stationary state, and their discrete gusts count from now. All other
+    vessels, the sea, the tide and the time do not change.
+    """
+    time_s = state.time_ns * 1e-9
+    vessel = vessel_motion.at_rest(
+        simulation.vessel, north_east_m, yaw_rad, simulation.environment.tide.height_m(time_s)
+    )
+    environment = surroundings_model.initial(simulation.environment, len(rows), rng)
+    if state.environment.wind.began_s is not None:
+        environment = replace(environment, wind=replace(environment.wind, began_s=np.full(len(rows), time_s)))
+    flows = _flows_at(simulation, environment, vessel.motion, time_s)
+    around = _around(simulation, flows, vessel.motion, time_s, None)
+    if state.vessel.half_change is not None:
+        vessel = vessel_motion.with_half_change(simulation.vessel, vessel, around)
+    fresh = SimulationState(state.time_ns, vessel, environment, *flows, around.drift_frd_n, around.surface)
+    return with_rows(state, rows, replace(fresh, afloat=state.afloat))
+
+
+def with_own_gusts(state: SimulationState) -> SimulationState:
+    """Return `state` with discrete gusts that count from the restart of each vessel, and now from this instant."""
+    wind = state.environment.wind
+    wind = replace(wind, began_s=np.full(len(wind.veer_rad), state.time_ns * 1e-9))
+    return replace(state, environment=replace(state.environment, wind=wind))
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
