@@ -4,8 +4,8 @@
     xitl sim sitl --set autopilot.controller=examples/learned_heading.py:LearnedHeading
 
 The boats lie in current, waves and gusts. Each gets a heading, and another one later. A small network steers them from
-heading error, turn rate, integral of the error and speed. An evolution strategy (Salimans et al. 2017) improves it: each
-generation tries the weights with random changes, and moves them along the changes that earned more.
+heading error, turn rate, integral of the error and speed. An evolution strategy (Salimans et al. 2017) improves it.
+Each generation tries the weights with random changes, and moves them along the changes that earned more.
 """
 
 from __future__ import annotations

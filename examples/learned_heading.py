@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+from operator import mul
 from pathlib import Path
 
 from agent.fcu.control.controller import Demand, Order
@@ -58,5 +59,5 @@ class LearnedHeading:
         error_rad, rate_radps, integral_rads, speed_mps = inputs
         # An odd function of the first three: port and starboard are alike
         features = (error_rad, rate_radps, integral_rads, error_rad * speed_mps / 3.0, rate_radps * speed_mps / 3.0)
-        hidden = [math.tanh(sum(w * x for w, x in zip(row, features))) for row in self._hidden]
-        return math.tanh(sum(w * x for w, x in zip(self._output, hidden)))
+        hidden = [math.tanh(sum(map(mul, row, features))) for row in self._hidden]
+        return math.tanh(sum(map(mul, self._output, hidden)))

@@ -19,7 +19,6 @@ from sim_core.frames import Array
 from sim_core.rows import with_rows
 from sim_core.simulation import Simulation, SimulationState
 
-
 GUST = DiscreteGust(start_s=0.2, rise_s=0.1, hold_s=0.2, fall_s=0.1, speed_mps=6.0)
 COMMAND = np.array([[0.6, 0.2], [0.1, 0.4], [-0.2, 0.3]])
 

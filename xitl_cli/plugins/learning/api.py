@@ -15,7 +15,7 @@ from xitl_cli.profile import Profile
 if TYPE_CHECKING:
     from xitl_cli.plugins.learning.batch import DrawGoals, DrawStarts
     from xitl_cli.plugins.learning.environment import VesselEnv, VesselVectorEnv
-    from xitl_cli.plugins.learning.episodes import Reward, Task, Terminated
+    from xitl_cli.plugins.learning.episodes import Reward, Terminated
     from xitl_cli.plugins.learning.observation import Feature
     from xitl_cli.profile.schema import RunProfile
 

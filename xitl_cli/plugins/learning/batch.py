@@ -158,7 +158,7 @@ class VesselBatch:
         rot_ned_frd = _joined([motion.rot_ned_frd for motion in motions])
         velocity = _joined([motion.vel_ned_mps for motion in motions])
         return Vessels(
-            time_s=(states[0].time_ns - self._began_ns) * 1e-9,
+            time_s=np.asarray((states[0].time_ns - self._began_ns) * 1e-9, dtype=np.float64),
             position_ned_m=self._positions(),
             start_ned_m=self._start_ned_m,
             velocity_ned_mps=velocity,

@@ -6,7 +6,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Space
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy import float32
@@ -48,7 +48,7 @@ class VesselEnv(gymnasium.Env[Array32, Array32]):
         rewards, terminated, truncated = self._episodes.step(np.asarray(action)[None])
         return self._episodes.observe()[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), {}
 
-    def render(self) -> Picture | None:  # type: ignore[override]
+    def render(self) -> Picture | None:
         """Return the track from above, (H, W, 3), None without a render mode."""
         return self._episodes.picture(0)
 
@@ -116,7 +116,7 @@ class VesselVectorEnv(VectorEnv[Array32, Array32, Array]):
             self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         return self._episodes.observe(), rewards, terminated, truncated, information
 
-    def render(self) -> tuple[Picture, ...] | None:  # type: ignore[override]
+    def render(self) -> tuple[Picture, ...] | None:
         """Return the track of each vessel from above, None without a render mode."""
         pictures = [self._episodes.picture(row) for row in range(self.num_envs if self.render_mode else 0)]
         return tuple(picture for picture in pictures if picture is not None) if self.render_mode else None
@@ -142,7 +142,7 @@ class VesselVectorEnv(VectorEnv[Array32, Array32, Array]):
         self._ended = self._ended & ~mask
 
 
-def _spaces(episodes: Episodes) -> tuple[Box, Box]:
+def _spaces(episodes: Episodes) -> tuple[Space[Any], Space[Any]]:
     """Return the spaces of one vessel."""
     low, high = episodes.observation.low, episodes.observation.high
     return Box(low, high, dtype=float32), Box(-1.0, 1.0, (episodes.commands,), dtype=float32)

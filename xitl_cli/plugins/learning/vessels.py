@@ -42,7 +42,7 @@ class Vessels:
     goal: Array
     """Numbers of the goal of the episode, (N, G)."""
     sensors: Mapping[str, Array]
-    """Newest samples of the observed sensors by name, each (N, K). Positions of `gnss` are from the profile's origin."""
+    """Newest samples of the observed sensors by name, each (N, K). Positions of `gnss` are from the origin."""
 
     def __len__(self) -> int:
         """Number of vessels."""

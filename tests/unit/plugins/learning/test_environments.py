@@ -217,7 +217,7 @@ def test_a_task_that_is_impossible_is_refused(changes: dict[str, Any], message: 
         (
             {"terminated": lambda vessels: np.zeros((2, 1), bool)},
             np.zeros((2, 2)),
-            r"return one value per vessel, \(2,",
+            r"one value per vessel, \(2,",
         ),
     ],
 )
