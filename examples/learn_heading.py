@@ -118,7 +118,7 @@ def earned(env: Any, weights: Array) -> Array:
 def train(env: Any, generations: int, rng: Generator) -> Array:
     """Return the weights, (HIDDEN * (FEATURES + 1),)."""
     size = HIDDEN * (FEATURES + 1)
-    weights, momentum = 0.1 * rng.standard_normal(size), np.zeros(size)
+    weights = 0.1 * rng.standard_normal(size)
     mean, second = np.zeros(size), np.zeros(size)
     for generation in range(1, generations + 1):
         began_s = time.perf_counter()
@@ -129,11 +129,18 @@ def train(env: Any, generations: int, rng: Generator) -> Array:
         slope = (ranks[:PAIRS] - ranks[PAIRS:]) @ changes / PAIRS
         # Adam (Kingma and Ba 2015)
         mean, second = 0.8 * mean + 0.2 * slope, 0.95 * second + 0.05 * slope**2
-        momentum = (mean / (1.0 - 0.8**generation)) / (np.sqrt(second / (1.0 - 0.95**generation)) + 1e-8)
-        weights = weights + STEP * (1.0 - 0.8 * generation / generations) * momentum
+        direction = (mean / (1.0 - 0.8**generation)) / (np.sqrt(second / (1.0 - 0.95**generation)) + 1e-8)
+        weights = weights + STEP * (1.0 - 0.8 * generation / generations) * direction
         took_s = time.perf_counter() - began_s
         print(f"generation {generation:3}: mean reward {gains.mean():8.4f}, best {gains.max():8.4f}, {took_s:.1f} s")
     return weights
+
+
+def write(path: Path, weights: Array) -> None:
+    """Write the weights for learned_heading.py."""
+    hidden = weights[: HIDDEN * FEATURES].reshape(HIDDEN, FEATURES)
+    network = {"hidden": hidden.tolist(), "output": weights[HIDDEN * FEATURES :].tolist()}
+    path.write_text(json.dumps(network) + "\n", encoding="utf-8")
 
 
 def main() -> None:
@@ -155,9 +162,7 @@ def main() -> None:
     )
     env.reset(seed=given.seed)
     weights = train(env, given.generations, default_rng(given.seed))
-    hidden = weights[: HIDDEN * FEATURES].reshape(HIDDEN, FEATURES)
-    network = {"hidden": hidden.tolist(), "output": weights[HIDDEN * FEATURES :].tolist()}
-    given.out.write_text(json.dumps(network, indent=1) + "\n", encoding="utf-8")
+    write(given.out, weights)
     print(f"wrote {given.out}")
 
 
