@@ -76,7 +76,7 @@ def make_vec_env(
     overrides: Overrides = (),
     render_mode: str | None = None,
     autoreset: Literal["next_step", "same_step", "disabled"] = "next_step",
-    threads: int = 2,
+    threads: int = 1,
 ) -> VesselVectorEnv:
     """Return `n` vessels of a profile as a `gymnasium.vector.VectorEnv`, in one batched simulation (extra `gym`).
 
