@@ -18,10 +18,11 @@ from sim_core.environment.waves import FlatWater, HullSurface, HullWaves, StillH
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.motion import Influences, MotionStep, surroundings
+from sim_core.rows import Rows, with_rows
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.condition import Condition
 from sim_core.vessel.spec import VesselSpec
-from sim_core.vessel.vessel import Vessel, VesselState
+from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
 from sim_core.world import waterway as waterways
 from sim_core.world.contact import Contacts, Outline
 from sim_core.world.debris import DebrisState, Launch, bodies_at
@@ -129,10 +130,38 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
 def at_start(simulation: Simulation, vessel: VesselState, environment: EnvironmentState) -> SimulationState:
     """Return the state at time 0."""
     flows = _flows_at(simulation, environment, vessel.motion, 0.0)
-    tide_m, still = simulation.environment.tide.height_m(0.0), np.zeros((1, simulation.vessel.model.commands))
-    influences = Influences(0.0, tide_m, *flows, None, still, None)
-    around = surroundings(simulation.vessel, simulation.hull_waves, vessel.motion, influences)
+    around = _surroundings(simulation, flows, vessel, 0.0)
     return SimulationState(0, vessel, environment, *flows, around.drift_frd_n, around.surface)
+
+
+def restarted(
+    simulation: Simulation, state: SimulationState, rows: Rows, north_east_m: Array, yaw_rad: Array, rng: Generator
+) -> SimulationState:
+    """Return `state` with the vessels of K rows at rest again, at (K, 2) positions and (K,) headings.
+
+    Their current and wind are drawn anew from the stationary state, and their discrete gusts count from now. All other
+    vessels, the sea, the tide and the time do not change.
+    """
+    time_s = state.time_ns * 1e-9
+    vessel = vessel_motion.at_rest(
+        simulation.vessel, north_east_m, yaw_rad, simulation.environment.tide.height_m(time_s)
+    )
+    environment = surroundings_model.initial(simulation.environment, len(rows), rng)
+    if state.environment.wind.began_s is not None:
+        environment = replace(environment, wind=replace(environment.wind, began_s=np.full(len(rows), time_s)))
+    flows = _flows_at(simulation, environment, vessel.motion, time_s)
+    around = _surroundings(simulation, flows, vessel, time_s)
+    if state.vessel.half_change is not None:
+        vessel = vessel_motion.with_half_change(simulation.vessel, vessel, around)
+    fresh = SimulationState(state.time_ns, vessel, environment, *flows, around.drift_frd_n, around.surface)
+    return with_rows(state, rows, replace(fresh, afloat=state.afloat))
+
+
+def with_own_gusts(state: SimulationState) -> SimulationState:
+    """Return `state` with discrete gusts that count from the restart of each vessel, and now from this instant."""
+    wind = state.environment.wind
+    wind = replace(wind, began_s=np.full(len(wind.veer_rad), state.time_ns * 1e-9))
+    return replace(state, environment=replace(state.environment, wind=wind))
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
@@ -211,6 +240,15 @@ def advance(
     moved = simulation.motion.step(state.vessel, influences)
     time_ns = state.time_ns + simulation.dt_ns
     return SimulationState(time_ns, moved.vessel, environment, *flows, moved.drift_frd_n, moved.surface, afloat)
+
+
+def _surroundings(
+    simulation: Simulation, flows: tuple[Array, Array], vessel: VesselState, time_s: float
+) -> Surroundings:
+    """Return water, air and surface at vessels, with the mean force of the waves."""
+    tide_m, stopped = simulation.environment.tide.height_m(time_s), np.zeros((1, simulation.vessel.model.commands))
+    influences = Influences(time_s, tide_m, *flows, None, stopped, None)
+    return surroundings(simulation.vessel, simulation.hull_waves, vessel.motion, influences)
 
 
 def _flows_at(

@@ -33,6 +33,7 @@ NEEDS = (
     "a running simulation",
     "browser",
     "plug-in",
+    "minutes",
 )
 PROGRAMS = (
     *("xitl", "make", "pip", "git", "cd", "echo", "chmod", "ip", "python", "python3"),

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import inspect
 import re
 import sys
 from collections.abc import Iterator
 from inspect import Parameter
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
 
 import xitl
+from sim_core import simulation
+from sim_core.kinematics import Kinematics
+from sim_core.simulation import SimulationState
+from sim_core.vessel.vessel import VesselState
 from xitl_cli.experiment.report import ExperimentReport
 from xitl_cli.graph.wdri import Wdri
 from xitl_cli.logs.compare.comparison import Comparison
@@ -25,12 +30,39 @@ ROOT = Path(__file__).resolve().parent.parent
 PAGE, EXAMPLE = ROOT / "docs" / "api.md", "examples/plot_a_run.py"
 FUNCTIONS = (
     *(xitl.simulate, xitl.load_profile, xitl.wdri, xitl.open_log, xitl.analyze, xitl.compare, xitl.campaign),
-    *(xitl.paper, xitl.replay_html, xitl.picture),
+    *(xitl.paper, xitl.replay_html, xitl.picture, xitl.make_env, xitl.make_vec_env),
 )
 RESULTS = (xitl.Result, Log, Table, Report, Comparison, Wdri, ExperimentReport)
+ARRAYS = (xitl.Vessels,)
+"""Classes whose fields are arrays, each with its own docstring."""
 ERRORS = (xitl.UserError, xitl.LogError)
+STEPS = (simulation.initial, simulation.step, simulation.restarted, simulation.with_own_gusts)
+STATES = (SimulationState, VesselState, Kinematics)
 _SPECIAL = ("__getitem__", "__len__", "__iter__")
 _PARAMETER = re.compile(r"[a-z_]+(?:, [a-z_]+)*: ")
+
+
+BATCHES = """
+`sim_core` is the physics alone: numpy, no clock, no sockets. Its step is public.
+A state has a leading axis of N vessels and is never changed in place.
+
+[Learning environments](learning.md) are built on it. Use it directly for everything that has no episodes:
+
+```python
+import numpy as np
+from sim_core import simulation
+from sim_core.environment.environment import Environment
+
+profile = xitl.load_profile("mitl")
+rng = np.random.default_rng(1)
+environment = Environment.from_spec(profile.environment, rng)  # draws the sea
+boats = simulation.Simulation.from_spec(profile.vehicle, environment, dt_s=0.0025)
+state = simulation.initial(boats, np.zeros((100, 2)), np.linspace(0.0, 3.0, 100), rng)
+for _ in range(400):
+    state = simulation.step(boats, state, np.full((100, 2), 0.5), rng)
+print(state.vessel.motion.pos_ned_m[:, :2])
+```
+"""
 
 
 def page() -> Iterator[str]:
@@ -51,6 +83,20 @@ def page() -> Iterator[str]:
         members = list(_members(result))
         if members:
             yield "\n".join(["| member | meaning |", "|---|---|", *members])
+    for arrays in ARRAYS:
+        yield f"### {arrays.__name__}"
+        yield from _paragraphs(arrays)
+        yield "\n".join(["| field | meaning |", "|---|---|", *_fields(arrays), *_members(arrays)])
+    yield "## The batched simulation"
+    yield BATCHES.strip()
+    for function in STEPS:
+        yield f"### simulation.{function.__name__}"
+        yield f"```python\n{_signature(function)}\n```"
+        yield from _paragraphs(function)
+    for state in STATES:
+        yield f"### {state.__name__}"
+        yield from _paragraphs(state)
+        yield "\n".join(["| field | meaning |", "|---|---|", *_fields(state)])
     yield "## Errors"
     for error in ERRORS:
         yield f"### xitl.{error.__name__}"
@@ -92,6 +138,16 @@ def _parameter(parameter: Parameter) -> str:
     star = "*" if parameter.kind is Parameter.VAR_POSITIONAL else ""
     default = "" if parameter.default is Parameter.empty else f" = {parameter.default!r}"
     return f"{star}{parameter.name}: {parameter.annotation}{default}"
+
+
+def _fields(kind: type) -> Iterator[str]:
+    """Rows of the fields that have their own docstring."""
+    (definition,) = ast.parse(dedent(inspect.getsource(kind))).body
+    assert isinstance(definition, ast.ClassDef)
+    for field, text in pairwise(definition.body):
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
+            shown = " ".join(str(text.value.value).split()).replace("|", chr(92) + "|")
+            yield f"| `{ast.unparse(field.target)}` | {shown} |"
 
 
 def _members(kind: type) -> Iterator[str]:

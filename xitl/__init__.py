@@ -1,4 +1,4 @@
-"""The public Python API: run profiles, read and analyse logs, compute the WDRI.
+"""The public Python API: run profiles, read and analyse logs, compute the WDRI, make environments for learning.
 
     import xitl
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from xitl_cli.errors import UserError
     from xitl_cli.logs.model.errors import LogError
     from xitl_cli.plugins.campaign.api import campaign
+    from xitl_cli.plugins.learning.api import Vessels, make_env, make_vec_env
     from xitl_cli.plugins.studies.api import paper
     from xitl_cli.plugins.view.plugin import picture, replay_html
 
@@ -37,11 +38,14 @@ __all__ = [
     "LogError",
     "Result",
     "UserError",
+    "Vessels",
     "__version__",
     "analyze",
     "campaign",
     "compare",
     "load_profile",
+    "make_env",
+    "make_vec_env",
     "open_log",
     "paper",
     "picture",
@@ -54,7 +58,10 @@ __all__ = [
 _ELSEWHERE = {
     "LogError": "xitl_cli.logs.model.errors",
     "UserError": "xitl_cli.errors",
+    "Vessels": "xitl_cli.plugins.learning.api",
     "campaign": "xitl_cli.plugins.campaign.api",
+    "make_env": "xitl_cli.plugins.learning.api",
+    "make_vec_env": "xitl_cli.plugins.learning.api",
     "paper": "xitl_cli.plugins.studies.api",
     "picture": "xitl_cli.plugins.view.plugin",
     "replay_html": "xitl_cli.plugins.view.plugin",

@@ -46,4 +46,5 @@ CAMPAIGN = Extra(
 VIEW = Extra("view", ("viser", "PIL"), "the 3D view of a run and of recordings")
 FIGURES = Extra("figures", ("matplotlib",), "figures of the paper's experiments, and plots of logs, as images")
 ROS2 = Extra("ros2", ("cyclonedds",), "topics for ROS 2 where none is sourced")
-EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW, FIGURES, ROS2)
+GYM = Extra("gym", ("gymnasium",), "learning environments: xitl.make_env, xitl.make_vec_env")
+EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW, FIGURES, ROS2, GYM)

@@ -120,6 +120,16 @@ class SpectralGust:
         return speed
 
 
+def discrete_gusts_mps(gusts: tuple[DiscreteGust, ...], time_s: Array) -> Array:
+    """Return the (N,) speed that all single gusts add at (N,) instants."""
+    speed_mps = np.zeros(len(time_s))
+    for gust in gusts:
+        risen = np.clip((time_s - gust.start_s) / gust.rise_s, 0.0, 1.0)
+        fallen = np.clip((time_s - gust.start_s - gust.rise_s - gust.hold_s) / gust.fall_s, 0.0, 1.0)
+        speed_mps += 0.5 * gust.speed_mps * (np.cos(math.pi * fallen) - np.cos(math.pi * risen))
+    return speed_mps
+
+
 def discrete_gust_mps(gust: DiscreteGust, time_s: float) -> float:
     """Return the speed that a single gust adds at an instant."""
     risen = min(max((time_s - gust.start_s) / gust.rise_s, 0.0), 1.0)
@@ -171,6 +181,8 @@ class WindState:
     """State of the gust, (N, ...)."""
     veer_rad: Array
     """Deviation of the direction from its mean, (N,)."""
+    began_s: Array | None = field(default=None, kw_only=True)
+    """Instants from which the discrete gusts count, (N,). None for time 0."""
 
 
 class Air(Protocol):
@@ -230,13 +242,20 @@ class Wind:
         return WindState(self._gust.initial(vessels, rng), self._veer.initial(vessels, rng))
 
     def step(self, state: WindState, dt_s: float, rng: Generator) -> WindState:
-        return WindState(self._gust.step(state.gust, dt_s, rng), self._veer.step(state.veer_rad, dt_s, rng))
+        gust, veer_rad = self._gust.step(state.gust, dt_s, rng), self._veer.step(state.veer_rad, dt_s, rng)
+        return WindState(gust, veer_rad, began_s=state.began_s)
 
     def share(self, height_m: Array | float) -> Array:
         return speed_share(self.spec, height_m)
 
     def velocity_ned_mps(self, state: WindState, time_s: float, height_m: float | None = None) -> Array:
-        steady_mps = self.spec.mean_mps + sum(discrete_gust_mps(gust, time_s) for gust in self.spec.discrete_gusts)
+        gusts = self.spec.discrete_gusts
+        added_mps: Array | float = 0.0
+        if state.began_s is None:
+            added_mps = sum(discrete_gust_mps(gust, time_s) for gust in gusts)
+        elif gusts:
+            added_mps = discrete_gusts_mps(gusts, time_s - state.began_s)
+        steady_mps = self.spec.mean_mps + added_mps
         speed_mps = np.maximum(steady_mps + self._gust.speed_mps(state.gust, time_s), 0.0)
         course_rad = self._course_rad + state.veer_rad
         velocity_mps = np.zeros((len(speed_mps), 3))

@@ -186,6 +186,15 @@ def step(
     return VesselState(advance(motion, change, half_change, dt_s), rotor_speed, half_change, condition, battery)
 
 
+def with_half_change(vessel: Vessel, state: VesselState, around: Surroundings) -> VesselState:
+    """Return vessels in their first step as vessels that already had this acceleration before: see `half_change`.
+
+    They can then take their first step in a batch with vessels that are underway.
+    """
+    acceleration = accelerate(vessel, state.motion, state.rotor_speed, around)
+    return replace(state, half_change=_change(state.motion, acceleration, 0.5 * vessel.dt_s))
+
+
 def _drive(vessel: Vessel, state: VesselState, command: Array) -> tuple[BatteryState | None, Array]:
     """Return the battery one step later, and the actuators' effective (N, C) commands."""
     condition, battery = state.condition, state.battery

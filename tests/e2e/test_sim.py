@@ -227,10 +227,18 @@ def test_a_controller_that_raises_without_an_autopilot_ends_the_run(xitl: Xitl, 
     assert "raising.py:Raising failed at 0.02 s" in summary(tmp_path / "own")["verdict"]["why"]
 
 
-@pytest.mark.parametrize("profile", ["mitl", "sitl"])
-def test_a_controller_from_a_file_steers_in_place_of_the_built_in_one(xitl: Xitl, tmp_path: Path, profile: str) -> None:
-    example = Path(__file__).parents[2] / "examples/sliding_mode_heading.py"
-    own = ("--set", f"autopilot.controller={example}:SlidingModeHeading")
+@pytest.mark.parametrize(
+    ("profile", "controller"),
+    [
+        ("mitl", "sliding_mode_heading.py:SlidingModeHeading"),
+        ("sitl", "sliding_mode_heading.py:SlidingModeHeading"),
+        ("sitl", "learned_heading.py:LearnedHeading"),
+    ],
+)
+def test_a_controller_from_a_file_steers_in_place_of_the_built_in_one(
+    xitl: Xitl, tmp_path: Path, profile: str, controller: str
+) -> None:
+    own = ("--set", f"autopilot.controller={Path(__file__).parents[2] / 'examples' / controller}")
     result = xitl("sim", "--profile", profile, "--duration", "20", "--out", "own", *own)
     assert result.returncode == 0, result.stderr
     runs = (recorded_run(profile, 20.0), tmp_path / "own")

@@ -9,7 +9,19 @@ from pathlib import Path
 import pytest
 
 HEAVY = ("numpy", "scipy", "pydantic", "yaml", "foxglove", "mcap", "pymavlink", "can", "serial", "kiss_icp", "pygeomag")
-OF_EXTRAS = ("scipy", "kiss_icp", "dask", "distributed", "pandas", "pyarrow", "plotly", "matplotlib", "viser", "optuna")
+OF_EXTRAS = (
+    "scipy",
+    "kiss_icp",
+    "dask",
+    "distributed",
+    "pandas",
+    "pyarrow",
+    "plotly",
+    "matplotlib",
+    "viser",
+    "optuna",
+    "gymnasium",
+)
 
 
 @pytest.mark.parametrize(

@@ -242,3 +242,45 @@ def own_site(workplace: Workplace, path: Path) -> None:
         axes.legend(loc="lower right")
 
     figure(path, draw, height=5.2)
+
+
+def learning(workplace: Workplace, path: Path) -> None:
+    """Tracks of a batch of vessels to their goals, in current, waves and gusts."""
+    boats, seconds = 48, 40
+
+    def goals(rng: np.random.Generator, count: int) -> Any:
+        bearing_rad = np.arange(count) * (2.0 * np.pi / count)
+        return 20.0 * np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1)
+
+    def still_away(before: xitl.Vessels, action: Any, after: xitl.Vessels) -> Any:
+        return -np.hypot(*(after.goal - after.position_ned_m[:, :2]).T)
+
+    env = xitl.make_vec_env(
+        "sitl",
+        boats,
+        reward=still_away,
+        goal=goals,
+        start=lambda rng, count: (np.zeros((count, 2)), rng.uniform(-np.pi, np.pi, count)),
+        observe=["to_goal", "rates"],
+    )
+    observed, _ = env.reset(seed=1)
+    tracks, gone = [env.vessels.position_ned_m[:, :2]], np.zeros(boats, dtype=bool)
+    for _ in range(50 * seconds):
+        ahead_m, right_m, turn_rate = observed[:, 0], observed[:, 1], observed[:, 4]
+        error_rad = np.arctan2(right_m, ahead_m)
+        turn = np.clip(0.8 * error_rad - 0.6 * turn_rate, -0.4, 0.4)
+        thrust = 0.6 * np.maximum(np.cos(error_rad), 0.0)
+        observed, rewards, *_ = env.step(np.clip(np.stack([thrust + turn, thrust - turn], axis=1), -1.0, 1.0))
+        gone |= rewards > -1.5
+        tracks.append(np.where(gone[:, None], tracks[-1], env.vessels.position_ned_m[:, :2]))
+    north_m, east_m = np.moveaxis(np.array(tracks), -1, 0)
+    ends = env.vessels.goal
+    env.close()
+
+    def draw(axes: Any) -> None:
+        axes.plot(east_m, north_m, color=BLUE, linewidth=1.0, alpha=0.8)
+        axes.plot(ends[:, 1], ends[:, 0], "o", color=AMBER, markersize=5)
+        axes.plot(0.0, 0.0, "o", color=INK, markersize=6)
+        axes.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
+
+    figure(path, draw, width=6.2, height=5.8)

@@ -65,4 +65,5 @@ PICTURES: dict[str, Maker] = {
     "faults.png": plots.faults,
     "fleet.png": plots.fleet,
     "perception.png": plots.perception,
+    "learning.png": plots.learning,
 }

@@ -22,7 +22,7 @@ from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
 from xitl_cli.logs.model.log import Log
 
-HEAVY = ("numpy", "scipy", "pydantic", "yaml", "foxglove", "mcap", "pymavlink", "pandas")
+HEAVY = ("numpy", "scipy", "pydantic", "yaml", "foxglove", "mcap", "pymavlink", "pandas", "gymnasium")
 
 
 def test_importing_it_loads_nothing_heavy() -> None:
