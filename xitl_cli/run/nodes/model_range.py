@@ -96,7 +96,7 @@ class ModelRange(RunNode):
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._length_m = simulation.vessel.model.length_m  # the property computes it each time
-        self._every = max(round(1.0 / (RATE_HZ * simulation.dt_s)), 1)
+        self.record_every = max(round(1.0 / (RATE_HZ * simulation.dt_s)), 1)
         self._looks = 0
         self._most = [0.0] * len(LIMITS)
         self._outside = [0] * len(LIMITS)
@@ -105,7 +105,7 @@ class ModelRange(RunNode):
         self._recorder: Recorder = context.recorder
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every or step.held:
+        if step.held:
             return
         self._looks += 1
         look = RangeLook(self._simulation, step.state, self._length_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -44,6 +45,7 @@ class TruthRecorder(RunNode):
         self._frame = local_frame(profile.site)
         self._every_truth = round(rate_hz / profile.recording.truth_rate_hz)
         self._every_environment = round(rate_hz / ENVIRONMENT_RATE_HZ)
+        self.record_every = math.gcd(self._every_truth, self._every_environment)
 
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder
@@ -169,7 +171,7 @@ class ScriptedRecorder(RunNode):
 
     def __init__(self, fleet: Fleet, physics_rate_hz: float, truth_rate_hz: float, drawn: bool) -> None:
         self._vessels, self._tide = fleet.traffic, fleet.environment.tide
-        self._every = round(physics_rate_hz / truth_rate_hz)
+        self.record_every = round(physics_rate_hz / truth_rate_hz)
         self._drawn = drawn
         self._recorders: list[Recorder] = []
 
@@ -179,8 +181,6 @@ class ScriptedRecorder(RunNode):
             context.recorder.scene(make_scripted_scene(self._vessels))
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every:
-            return
         now_s = step.now_ns * 1e-9
         motion = scripted_motion(self._vessels, now_s, self._tide.height_m(now_s))
         for row, recorder in enumerate(self._recorders):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -74,6 +74,17 @@ class Plant:
             assert isinstance(before, FleetState)
             self.state = fleets.held(simulation, self.state, before, [vessel.number for vessel in frozen])
         return self.state
+
+    def touching(self) -> Collection[int]:
+        """Return the numbers of the vessels with a contact in the latest step."""
+        simulation, state = self.simulation, self.state
+        if isinstance(state, SimulationState):
+            return (0,) if len(state.contacts) else ()
+        assert isinstance(simulation, Fleet)
+        together = zip(simulation.members, state.batches, strict=True)
+        return {
+            vessel for members, batch in together if len(batch.contacts) for vessel in members[batch.contacts.vessel]
+        }
 
     def launch(self, body: Launch) -> None:
         """Add one drifting body. Raises ValueError for an impossible length."""
