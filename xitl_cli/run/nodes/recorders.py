@@ -10,7 +10,6 @@ import numpy as np
 from agent.wire.codec import Packer
 from sim_core.environment.wind import Air
 from sim_core.fleet import Fleet
-from sim_core.kinematics import Kinematics
 from sim_core.sensors.rangefinder import HullsAround, TideNow
 from sim_core.simulation import elevation_m
 from sim_core.vessel.battery import COULOMB_PER_AH
@@ -19,6 +18,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import ActuatorAge, BatteryMessage
+from xitl_cli.record.truth import TruthTable
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
@@ -57,7 +57,7 @@ class TruthRecorder(RunNode):
         number, now_ns, motion = step.number, step.now_ns, step.motion
         recorder = self._recorder
         if number % self._every_truth == 0:
-            recorder.truth(now_ns, motion, step.state.vessel.rotor_speed)
+            recorder.truth_row(now_ns, *self._plant.truth())
         if number % self._every_environment == 0:
             state = step.state
             surface_m = float(elevation_m(self._plant.simulation, state)[0])
@@ -163,9 +163,6 @@ class LinkRecorder(RunNode):
             agent.record_links(self._recorder, now_ns)
 
 
-NO_ROTORS = np.empty((1, 0))
-
-
 class ScriptedRecorder(RunNode):
     """Records state, odometry and pose of each scripted vessel on topics with its name."""
 
@@ -183,18 +180,6 @@ class ScriptedRecorder(RunNode):
     def record(self, step: RunStep) -> None:
         now_s = step.now_ns * 1e-9
         motion = scripted_motion(self._vessels, now_s, self._tide.height_m(now_s))
+        table = TruthTable(motion, np.empty((len(self._vessels), 0)))
         for row, recorder in enumerate(self._recorders):
-            own = slice(row, row + 1)
-            recorder.truth(
-                step.now_ns,
-                Kinematics(
-                    motion.pos_ned_m[own],
-                    motion.vel_ned_mps[own],
-                    motion.acc_ned_mps2[own],
-                    motion.quat_ned_frd[own],
-                    motion.rot_ned_frd[own],
-                    motion.gyro_frd_radps[own],
-                    motion.angular_acc_frd_radps2[own],
-                ),
-                NO_ROTORS,
-            )
+            recorder.truth_row(step.now_ns, table, row)

@@ -21,6 +21,7 @@ from sim_core.world.debris import DebrisState, Launch
 from sim_core.world.plan import Walls
 from sim_core.world.rays import Bodies
 from sim_core.world.waterway import Waterway
+from xitl_cli.record.truth import TruthTable
 
 
 class Plant:
@@ -40,6 +41,8 @@ class Plant:
         self._launch: Callable[..., Any] = fleets.launch if many else simulations.launch
         self._commands: Sequence[Any] | None = None
         self._motors: Any = None
+        self._truth_of: SimulationState | FleetState | None = None
+        self._truth: tuple[TruthTable, ...] = ()
 
     @property
     def fleet(self) -> Fleet | None:
@@ -85,6 +88,19 @@ class Plant:
         return {
             vessel for members, batch in together if len(batch.contacts) for vessel in members[batch.contacts.vessel]
         }
+
+    def truth(self, number: int) -> tuple[TruthTable, int]:
+        """Return the true motion of the latest state for the recording: a table, and the row of this vessel.
+
+        Vessels of the same model share a table.
+        """
+        simulation, state = self.simulation, self.state
+        if state is not self._truth_of:
+            batches = (state,) if isinstance(state, SimulationState) else state.batches
+            self._truth = tuple(TruthTable(batch.vessel.motion, batch.vessel.rotor_speed) for batch in batches)
+            self._truth_of = state
+        batch, row = simulation.rows[number] if isinstance(simulation, Fleet) else (0, 0)
+        return self._truth[batch], row
 
     def launch(self, body: Launch) -> None:
         """Add one drifting body. Raises ValueError for an impossible length."""
@@ -196,6 +212,10 @@ class PlantView:
         if self._motion is None or state is not self._moved_to:
             self._moved_to, self._motion = state, fleets.kinematics_of(simulation, state, self.number)
         return self._motion
+
+    def truth(self) -> tuple[TruthTable, int]:
+        """Return the vessel's row of a table for the recording, as in Plant."""
+        return self._plant.truth(self.number)
 
     def tide_m(self) -> float:
         """Return the height of the still water above its mean level now."""
