@@ -290,7 +290,7 @@ def truth(setup: VesselSetup, control: ControlNode) -> TruthRecorder:
 
 @part(Place.MODEL_RANGE)
 def model_range(setup: VesselSetup) -> ModelRange:
-    return ModelRange(setup.plant.simulation)
+    return ModelRange(setup.plant)
 
 
 @part(Place.TRACK, when=VesselSetup.in_fleet)

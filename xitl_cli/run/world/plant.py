@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.random import Generator
@@ -21,7 +21,8 @@ from sim_core.world.debris import DebrisState, Launch
 from sim_core.world.plan import Walls
 from sim_core.world.rays import Bodies
 from sim_core.world.waterway import Waterway
-from xitl_cli.record.truth import TruthTable
+
+T = TypeVar("T")
 
 
 class Plant:
@@ -41,8 +42,8 @@ class Plant:
         self._launch: Callable[..., Any] = fleets.launch if many else simulations.launch
         self._commands: Sequence[Any] | None = None
         self._motors: Any = None
-        self._truth_of: SimulationState | FleetState | None = None
-        self._truth: tuple[TruthTable, ...] = ()
+        self._derived_from: SimulationState | FleetState | None = None
+        self._derived: dict[tuple[Any, int], Any] = {}
 
     @property
     def fleet(self) -> Fleet | None:
@@ -89,18 +90,21 @@ class Plant:
             vessel for members, batch in together if len(batch.contacts) for vessel in members[batch.contacts.vessel]
         }
 
-    def truth(self, number: int) -> tuple[TruthTable, int]:
-        """Return the true motion of the latest state for the recording: a table, and the row of this vessel.
+    def derived(self, number: int, derive: Callable[[Simulation, SimulationState], T]) -> tuple[T, int]:
+        """Return `derive` of the latest state, for all vessels of this one's model, and the row of this vessel.
 
-        Vessels of the same model share a table.
+        It is computed once for a state, whichever vessel asks first.
         """
         simulation, state = self.simulation, self.state
-        if state is not self._truth_of:
-            batches = (state,) if isinstance(state, SimulationState) else state.batches
-            self._truth = tuple(TruthTable(batch.vessel.motion, batch.vessel.rotor_speed) for batch in batches)
-            self._truth_of = state
+        if state is not self._derived_from:
+            self._derived_from = state
+            self._derived.clear()
         batch, row = simulation.rows[number] if isinstance(simulation, Fleet) else (0, 0)
-        return self._truth[batch], row
+        if (derive, batch) not in self._derived:
+            of_model = simulation.batches[batch] if isinstance(simulation, Fleet) else simulation
+            together = state if isinstance(state, SimulationState) else state.batches[batch]
+            self._derived[derive, batch] = derive(of_model, together)
+        return self._derived[derive, batch], row
 
     def launch(self, body: Launch) -> None:
         """Add one drifting body. Raises ValueError for an impossible length."""
@@ -213,9 +217,9 @@ class PlantView:
             self._moved_to, self._motion = state, fleets.kinematics_of(simulation, state, self.number)
         return self._motion
 
-    def truth(self) -> tuple[TruthTable, int]:
-        """Return the vessel's row of a table for the recording, as in Plant."""
-        return self._plant.truth(self.number)
+    def derived(self, derive: Callable[[Simulation, SimulationState], T]) -> tuple[T, int]:
+        """Return what `derive` computes for all vessels of the same model, and this vessel's row, as in Plant."""
+        return self._plant.derived(self.number, derive)
 
     def tide_m(self) -> float:
         """Return the height of the still water above its mean level now."""
