@@ -115,7 +115,7 @@ def _around_in(frame: LocalFrame) -> Callable[[Simulation, SimulationState], _Ar
 class SensorRecorder(RunNode):
     """Records the sensor data of a vessel without an autopilot, in the frames that an autopilot would get.
 
-    hulls, air, tide_m: as in make_sensing.
+    hulls, air, tide_m, plant: as in make_sensing.
     """
 
     def __init__(
@@ -125,8 +125,9 @@ class SensorRecorder(RunNode):
         hulls: HullsAround | None = None,
         air: Callable[[], Air] | None = None,
         tide_m: TideNow | None = None,
+        plant: PlantView | None = None,
     ) -> None:
-        self._sensing = make_sensing(profile, seeds, hulls, air, tide_m)
+        self._sensing = make_sensing(profile, seeds, hulls, air, tide_m, plant)
         self._packer = Packer(HOST_SYSTEM_ID, HOST_COMPONENT_ID)
 
     def begin(self, context: RunContext) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Hashable, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -44,6 +44,7 @@ class Plant:
         self._motors: Any = None
         self._derived_from: SimulationState | FleetState | None = None
         self._derived: dict[tuple[Any, int], Any] = {}
+        self._shared: dict[tuple[Any, int], Any] = {}
 
     @property
     def fleet(self) -> Fleet | None:
@@ -105,6 +106,14 @@ class Plant:
             together = state if isinstance(state, SimulationState) else state.batches[batch]
             self._derived[derive, batch] = derive(of_model, together)
         return self._derived[derive, batch], row
+
+    def shared(self, number: int, key: Hashable, make: Callable[[], T]) -> tuple[T, int]:
+        """Return an object that the vessels of this one's model share under a key, and the row of this vessel."""
+        simulation = self.simulation
+        batch, row = simulation.rows[number] if isinstance(simulation, Fleet) else (0, 0)
+        if (key, batch) not in self._shared:
+            self._shared[key, batch] = make()
+        return self._shared[key, batch], row
 
     def launch(self, body: Launch) -> None:
         """Add one drifting body. Raises ValueError for an impossible length."""
@@ -220,6 +229,10 @@ class PlantView:
     def derived(self, derive: Callable[[Simulation, SimulationState], T]) -> tuple[T, int]:
         """Return what `derive` computes for all vessels of the same model, and this vessel's row, as in Plant."""
         return self._plant.derived(self.number, derive)
+
+    def shared(self, key: Hashable, make: Callable[[], T]) -> tuple[T, int]:
+        """Return an object that all vessels of the same model share, and this vessel's row, as in Plant."""
+        return self._plant.shared(self.number, key, make)
 
     def tide_m(self) -> float:
         """Return the height of the still water above its mean level now."""
