@@ -77,16 +77,15 @@ class StepViews:
     def __init__(self, plant: Plant, number: int) -> None:
         self._plant = plant
         self._number = number
-        self._views: dict[int, RunStep] = {}
+        self._views: list[RunStep | None] = [None] * (len(plant.vessels) + 1)
 
     def of_group(self, group: int) -> RunStep:
         """Return the step for a group's calls."""
-        index = max(group - 1, 0)
-        step = self._views.get(index)
+        step = self._views[group]
         if step is None:
-            view = self._plant.vessels[index]
+            view = self._plant.vessels[max(group - 1, 0)]
             step = RunStep(self._number, self._plant.state.time_ns, view, view.motion(), view.held)
-            self._views[index] = step
+            self._views[group] = step
         return step
 
 
