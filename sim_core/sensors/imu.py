@@ -105,7 +105,8 @@ class Imu:
         force: Array = ((truth.acc_ned_mps2 - self._gravity_ned_mps2)[:, None, :] @ truth.rot_ned_frd)[:, 0, :]
         if self._cross is not None:
             swing: Array = truth.angular_acc_frd_radps2.dot(self._cross)
-            pull: Array = pair_products(truth.gyro_frd_radps).dot(self._centripetal)
+            # Row by row: a product of all rows together rounds otherwise than that of one.
+            pull: Array = (pair_products(truth.gyro_frd_radps)[:, None, :] @ self._centripetal)[:, 0]
             force = force + swing + pull
         accel = force + error[:, 3:]
         sample = ImuSample(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.random import Generator
@@ -29,6 +30,7 @@ class LocalField:
     """Below the horizon."""
 
 
+@cache  # the vessels of a fleet ask for the same place
 def local_field_ned_gauss(
     latitude_deg: float, longitude_deg: float, altitude_m: float, decimal_year: float
 ) -> LocalField:

@@ -48,13 +48,15 @@ class Digitiser:
     """None disables rounding."""
     full_scale: Array | None
     """None disables saturation."""
+    least: Array | None
+    """Minus full_scale."""
 
     def read(self, value: Array) -> Array:
         """Digitise values of any shape, in the unit of the two fields."""
         if self.resolution is not None:
             value = np.rint(value / self.resolution) * self.resolution
-        if self.full_scale is not None:
-            value = np.minimum(np.maximum(value, -self.full_scale), self.full_scale)
+        if self.full_scale is not None and self.least is not None:
+            value = np.minimum(np.maximum(value, self.least), self.full_scale)
         return value
 
 
@@ -63,4 +65,5 @@ def digitiser(resolution: float, full_scale: float | None = None) -> Digitiser:
     return Digitiser(
         resolution=np.array(resolution) if resolution else None,
         full_scale=None if full_scale is None else np.array(full_scale),
+        least=None if full_scale is None else np.array(-full_scale),
     )

@@ -7,6 +7,7 @@ import re
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
 
 Uint8: TypeAlias = Annotated[int, "uint8"]
@@ -26,6 +27,7 @@ SEPARATOR = "=" * 80
 _TIME_DEFINITION = f"{SEPARATOR}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 
 _HEADER = b"\x00\x01\x00\x00"  # little-endian CDR
+_HEAD = struct.Struct("<4siI")
 _BYTES_HEAD = struct.Struct("<4siII")
 _CODES = {"float64": "d", "float32": "f", "int64": "q", "uint32": "I", "uint8": "B", "string": "s"}
 _TYPE = re.compile(r"(?P<base>[a-z0-9]+)(?P<array>\[(?P<count>[0-9]*)\])?")
@@ -124,6 +126,12 @@ class MessageType:
                 layout += f"{padding}x{count}{code}"
                 size += padding + count * width
         return struct.Struct(layout)
+
+
+@lru_cache(maxsize=1)
+def stamp_head(stamp_ns: int) -> bytes:
+    """Return the start of each payload: encapsulation header and stamp."""
+    return _HEAD.pack(_HEADER, *divmod(stamp_ns, 1_000_000_000))
 
 
 def _encode_bytes(stamp_ns: int, *values: Any) -> bytes:

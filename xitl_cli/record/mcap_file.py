@@ -76,7 +76,6 @@ class McapFile:
         self._whole_bytes = 0
         self._refused_once = False
         self._kept: list[ChunkMessage] = []
-        self._kept_bytes: dict[int, int] = {}
         self._filled_bytes = 0
         self._channels: dict[str, PayloadWriter] = {}
         self._schemas: dict[str, int] = {}
@@ -141,9 +140,7 @@ class McapFile:
                 return
             record = message_record(channel, stamp_ns, payload, stamp_ns if sent_ns is None else max(sent_ns, 0))
             self._kept.append((channel, stamp_ns, record))
-            size = len(record)
-            self._kept_bytes[channel] = self._kept_bytes.get(channel, 0) + size
-            self._filled_bytes += size
+            self._filled_bytes += len(record)
             if self._filled_bytes >= CHUNK_BYTES:
                 self._write_kept(everything=False)
 
@@ -164,16 +161,19 @@ class McapFile:
 
         Write one of all others if they fill it, or with `everything`.
         """
+        kept_bytes = dict.fromkeys([channel for channel, _, _ in self._kept], 0)
+        for channel, _, record in self._kept:
+            kept_bytes[channel] += len(record)
         chunks: dict[int, list[ChunkMessage]] = {
-            channel: [] for channel, size in self._kept_bytes.items() if size >= APART_BYTES
+            channel: [] for channel, size in kept_bytes.items() if size >= APART_BYTES
         }
         rest: list[ChunkMessage] = []
         for message in self._kept:
             chunks.get(message[0], rest).append(message)
-        rest_bytes = {channel: size for channel, size in self._kept_bytes.items() if channel not in chunks}
-        if everything or sum(rest_bytes.values()) >= CHUNK_BYTES:
-            chunks[_NO_CHANNEL], rest, rest_bytes = rest, [], {}
-        self._kept, self._kept_bytes, self._filled_bytes = rest, rest_bytes, sum(rest_bytes.values())
+        rest_bytes = sum(size for channel, size in kept_bytes.items() if channel not in chunks)
+        if everything or rest_bytes >= CHUNK_BYTES:
+            chunks[_NO_CHANNEL], rest, rest_bytes = rest, [], 0
+        self._kept, self._filled_bytes = rest, rest_bytes
         for _, messages in sorted(chunks.items()):
             if messages:
                 self._guarded(self._writer.write_chunk, messages)

@@ -42,6 +42,7 @@ from xitl_cli.record.topics import (
     topic_name,
     vessel_name,
 )
+from xitl_cli.record.truth import ODOMETRY, POSE, STATE, TRANSFORM, TruthTable, timestamp, transform_message
 
 if TYPE_CHECKING:
     from agent.companion.sonar import SonarPing
@@ -52,7 +53,6 @@ Intensity = NDArray[np.uint8]
 Channel = tuple[Callable[..., bytes], PayloadWriter]
 """Encodes a stamp and one value for each field; writes the payload."""
 
-_EXACT = (0.0,) * 36
 _UNKNOWN = tuple(np.diag([UNKNOWN_VARIANCE] * 6).ravel().tolist())
 _NO_ROTATION = (0.0, 0.0, 0.0)
 _FLU = np.array([1.0, -1.0, -1.0], dtype=np.float32)
@@ -135,14 +135,17 @@ class TopicWriter:
 
     def transform(self, stamp_ns: int, child: str, position: Sequence[float], quat_wxyz: Sequence[float]) -> None:
         """Write the position and attitude of the frame `child` in the map: ENU, FLU to ENU."""
-        transform = messages.FrameTransform(
-            timestamp=timestamp(stamp_ns),
-            parent_frame_id=MAP_FRAME,
-            child_frame_id=child,
-            translation=_vector(position),
-            rotation=_quaternion(quat_wxyz),
-        )
-        self.write("/tf", stamp_ns, messages.FrameTransforms(transforms=[transform]))
+        w, x, y, z = quat_wxyz
+        self.write(TRANSFORM, stamp_ns, transform_message(stamp_ns, child, [*position, x, y, z, w]))
+
+    def watches(self, *topics: str) -> bool:
+        """Whether somebody watches one of these topics."""
+        return not self._watched.keys().isdisjoint(topics)
+
+    def write_payload(self, topic: str, stamp_ns: int, payload: bytes) -> None:
+        """Write an encoded message on a topic that nobody watches."""
+        _, write = self._channels.get(topic) or self._open(TOPICS[topic])
+        write(payload, stamp_ns)
 
     def _open(self, topic: Topic, link: str = "") -> Channel:
         name = topic_name(topic, self._vessel, link)
@@ -264,25 +267,21 @@ class Recorder:
 
     def truth(self, stamp_ns: int, motion: Kinematics, rotor: Array) -> None:
         """Write the true state of the first vessel: state, odometry, pose and transform."""
-        pos_ned_m, quat, gyro_frd = motion.pos_ned_m[0], motion.quat_ned_frd[0], motion.gyro_frd_radps[0]
-        self._topics.write(
-            "/truth/state",
-            stamp_ns,
-            pos_ned_m.tolist(),
-            motion.vel_ned_mps[0].tolist(),
-            motion.acc_ned_mps2[0].tolist(),
-            quat.tolist(),
-            gyro_frd.tolist(),
-            rotor[0].tolist(),
-        )
-        velocity = motion.vel_ned_mps[0] @ motion.rot_ned_frd[0]
-        position, attitude = self._odometry(
-            "/truth/odometry", VESSEL_FRAME, stamp_ns, pos_ned_m, velocity, quat, gyro_frd
-        )
-        pose = messages.Pose(position=_vector(position), orientation=_quaternion(attitude))
-        stamped = messages.PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=MAP_FRAME, pose=pose)
-        self._topics.write("/truth/pose", stamp_ns, stamped)
-        self._topics.transform(stamp_ns, self._topics.frame(VESSEL_FRAME), position, attitude)
+        self.truth_row(stamp_ns, TruthTable(motion, rotor), 0)
+
+    def truth_row(self, stamp_ns: int, table: TruthTable, row: int) -> None:
+        """Write the true state of the vessel in this row of the table."""
+        topics, frame = self._topics, self._topics.frame(VESSEL_FRAME)
+        if topics.watches(STATE, ODOMETRY, POSE, TRANSFORM):  # the watchers get values, not payloads
+            topics.write(STATE, stamp_ns, *table.state(row))
+            topics.write(ODOMETRY, stamp_ns, *table.odometry(row, frame))
+            topics.write(POSE, stamp_ns, table.pose(stamp_ns, row))
+            topics.write(TRANSFORM, stamp_ns, table.transform(stamp_ns, row, frame))
+        else:
+            topics.write_payload(STATE, stamp_ns, table.state_payload(stamp_ns, row))
+            topics.write_payload(ODOMETRY, stamp_ns, table.odometry_payload(stamp_ns, row, frame))
+            topics.write_payload(POSE, stamp_ns, table.pose_payload(stamp_ns, row))
+            topics.write_payload(TRANSFORM, stamp_ns, table.transform_payload(stamp_ns, row, frame))
 
     def fix(self, stamp_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
         """Write the true geodetic position."""
@@ -369,8 +368,8 @@ class Recorder:
         vel_frd_mps: Array,
         quat_ned_frd: Array,
         gyro_frd_radps: Array,
-        pose_covariance: tuple[float, ...] = _EXACT,
-        twist_covariance: tuple[float, ...] = _EXACT,
+        pose_covariance: tuple[float, ...],
+        twist_covariance: tuple[float, ...],
     ) -> tuple[list[float], list[float]]:
         """Write nav_msgs/Odometry; return position (ENU) and attitude (FLU to ENU, w x y z)."""
         position = frames.ned_to_enu(pos_ned_m).tolist()
@@ -500,11 +499,6 @@ class PerceptionRecorder:
         """Write a contact of the hull with `body` at a place (3,). `began`: the contact is new."""
         place = np.asarray(pos_ned_m, dtype=np.float64).tolist()
         self._topics.write("/contacts", stamp_ns, body, place, float(force_n), float(speed_mps), bool(began))
-
-
-def timestamp(stamp_ns: int) -> messages.Timestamp:
-    """Return the timestamp of a foxglove message."""
-    return messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
 
 
 def _encode_foxglove(stamp_ns: int, message: Any) -> bytes:

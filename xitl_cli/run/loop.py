@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
@@ -28,10 +28,65 @@ from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
 from xitl_cli.run.world.plant import Plant
 
-Group = tuple[int, list[Callable[[RunStep], object]]]
+Call = Callable[[RunStep], object]
+Group = tuple[int, list[Call]]
 """Calls that get the same step. Number n is vessel n, counted from 1. Number 0 is the world's nodes, with the first
 vessel's step.
 """
+
+
+class Schedule:
+    """Calls of a method of the nodes in their order, each with its period in physics steps.
+
+    `touch` is called right before a node's `sense`. groups: the nodes of each group, by its number.
+    """
+
+    def __init__(self, method: str, groups: Sequence[tuple[int, Sequence[RunNode]]]) -> None:
+        self._groups = [(number, list(_calls_of(method, nodes))) for number, nodes in groups]
+        self._periods = sorted({period for _, calls in self._groups for period, _ in calls if period is not None})
+        self._due: dict[tuple[bool, ...], list[Group]] = {}
+
+    def due(self, number: int, touching: Collection[int] = ()) -> list[Group]:
+        """Return the calls that are due at step `number`. touching: numbers of the groups with a contact."""
+        key = tuple([number % period == 0 for period in self._periods])
+        if touching or key not in self._due:
+            periods = {period for period, divides in zip(self._periods, key, strict=True) if divides}
+            due = [
+                (group, [call for period, call in calls if period in periods or (period is None and group in touching)])
+                for group, calls in self._groups
+            ]
+            due = [group for group in due if group[1]]
+            if touching:
+                return due
+            self._due[key] = due
+        return self._due[key]
+
+
+def _calls_of(method: str, nodes: Sequence[RunNode]) -> Iterator[tuple[int | None, Call]]:
+    """Yield period and call; the period of calls at a contact is None."""
+    for node in nodes:
+        if method == "sense":
+            yield from ((None, call) for call in overriding([node], "touch"))
+        period = getattr(node, f"{method}_every", 1)
+        yield from ((period, call) for call in overriding([node], method))
+
+
+class StepViews:
+    """The latest step of the plant, for each group. A view is made at its first call: most steps need only a few."""
+
+    def __init__(self, plant: Plant, number: int) -> None:
+        self._plant = plant
+        self._number = number
+        self._views: list[RunStep | None] = [None] * (len(plant.vessels) + 1)
+
+    def of_group(self, group: int) -> RunStep:
+        """Return the step for a group's calls."""
+        step = self._views[group]
+        if step is None:
+            view = self._plant.vessels[max(group - 1, 0)]
+            step = RunStep(self._number, self._plant.state.time_ns, view, view.motion(), view.held)
+            self._views[group] = step
+        return step
 
 
 class Loop:
@@ -102,22 +157,21 @@ class Loop:
                 raise PluginNodeError(
                     f"{error} at {now_ns * 1e-9:.2f} s ({package}); correct the plug-in or remove it from the profile"
                 ) from error
-            now_ns = clock.step_ns = plant.state.time_ns
-            # The step of each vessel, indexed by group number
-            steps = [RunStep(number, now_ns, view, view.motion(), view.held) for view in plant.vessels]
-            steps = [steps[0], *steps]
-            self._call(sense, steps)
+            clock.step_ns = plant.state.time_ns
+            steps = StepViews(plant, number)
+            touching = plant.touching()
+            self._call(sense.due(number, {self._group_of(vessel) for vessel in touching} if touching else ()), steps)
             if number % self._every_exchange:
-                self._call(record, steps, of_lost=True)
+                self._call(record.due(number), steps, of_lost=True)
             else:
-                self._call(ticks, steps)
+                self._call(ticks.due(number), steps)
                 if not self._alone:
-                    self._call(record, steps, of_lost=True)
-                self._call(answers, steps)
+                    self._call(record.due(number), steps, of_lost=True)
+                self._call(answers.due(number), steps)
                 self._update_progress()
                 self._recorder.flush_if_due()
                 if self._alone:
-                    self._call(record, steps, of_lost=True)
+                    self._call(record.due(number), steps, of_lost=True)
                 remaining = self._remaining(self._awaited)
                 if self._awaited and all(vessel.control.progress.finished for vessel in remaining):
                     return Ending.FINISHED
@@ -125,7 +179,7 @@ class Loop:
                     return Ending.INTERRUPTED
         return Ending.DURATION
 
-    def _call(self, groups: list[Group], steps: list[RunStep], of_lost: bool = False) -> None:
+    def _call(self, groups: list[Group], steps: StepViews, of_lost: bool = False) -> None:
         """Call the groups. When a node fails, raises UserError with the name of its vessel.
 
         of_lost: call the nodes of lost vessels too.
@@ -133,7 +187,7 @@ class Loop:
         for number, calls in groups:
             if not of_lost and self._names[number] in self.losses:
                 continue
-            step = steps[number]
+            step = steps.of_group(number)
             try:
                 for call in calls:
                     call(step)
@@ -161,13 +215,15 @@ class Loop:
         first: Sequence[Sequence[RunNode]],
         vessels: Sequence[Sequence[RunNode]],
         last: Sequence[Sequence[RunNode]],
-    ) -> list[Group]:
+    ) -> Schedule:
         """Group the calls of `method`. first, last: lists of nodes of the world. vessels: the nodes of each vessel."""
         if self._alone:
-            return [(0, overriding([node for nodes in (*first, *vessels, *last) for node in nodes], method))]
+            return Schedule(method, [(0, [node for nodes in (*first, *vessels, *last) for node in nodes])])
         numbered = [*((0, nodes) for nodes in first), *enumerate(vessels, start=1), *((0, nodes) for nodes in last)]
-        groups = [(number, overriding(nodes, method)) for number, nodes in numbered]
-        return [group for group in groups if group[1]]
+        return Schedule(method, numbered)
+
+    def _group_of(self, vessel: int) -> int:
+        return 0 if self._alone else vessel + 1
 
     def _wait_until(self, sim_ns: int) -> None:
         pace = self._pace

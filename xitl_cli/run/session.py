@@ -155,14 +155,15 @@ def run(
                 node.prepare()
         directory.create(out, overwrite, vessels)
         with directory.reserve(out), interruption.noticed():
-            directory.write_profile(out, resolved_yaml(profile))
+            resolved = resolved_yaml(profile)
+            directory.write_profile(out, resolved)
             recorders = open_recorders(out / directory.RECORDING, profiles, nodes.mirrors)
             pace: Pace
             if lead.clock.mode == "realtime":
                 pace = Realtime(plant.simulation.dt_s)
             else:
                 pace = OperatedLockstep(interruption, operation.pace) if operation.paced else Lockstep()
-            outcome = _execute(profile, profiles, scene, plant, nodes, pace, recorders, interruption)
+            outcome = _execute(profile, resolved, profiles, scene, plant, nodes, pace, recorders, interruption)
             outcome = replace(outcome, timed=timed)
     for name, node in nodes.named():
         node.save(out / name)
@@ -271,6 +272,7 @@ def open_recorders(
 
 def _execute(
     profile: Profile,
+    resolved: str,
     profiles: Sequence[RunProfile],
     scene: Callable[[], messages.SceneUpdate],
     plant: Plant,
@@ -290,7 +292,7 @@ def _execute(
     begun_s = time.perf_counter()
     try:
         try:
-            _write_head(recorder, profile, profiles, scene, started)
+            _write_head(recorder, profile, resolved, profiles, scene, started)
             for name, node in nodes.named():
                 with _of(name):
                     node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
@@ -355,6 +357,7 @@ def _summary(
 def _write_head(
     recorder: Recorder,
     profile: Profile,
+    resolved: str,
     profiles: Sequence[RunProfile],
     scene: Callable[[], messages.SceneUpdate],
     started: str,
@@ -365,7 +368,7 @@ def _write_head(
     if lead.vessel:
         about["vessels"] = ", ".join(of_vessel.vessel for of_vessel in profiles)
     recorder.metadata("xitl", about)
-    recorder.attach(directory.PROFILE, "application/yaml", resolved_yaml(profile).encode())
+    recorder.attach(directory.PROFILE, "application/yaml", resolved.encode())
     for name in ("xitl.xml", "fleet.xml") if lead.vessel else ("xitl.xml",):
         recorder.attach(name, "application/xml", files("agent.wire").joinpath(name).read_bytes())
     if lead.recording.scene:

@@ -160,7 +160,7 @@ def _slewed(gains: AllocationGains, last: Sequence[float], wanted: Sequence[floa
     if gains.slew_per_s <= 0.0:
         return tuple(wanted)
     step = gains.slew_per_s * dt_s
-    return tuple(min(max(new, old - step), old + step) for old, new in zip(last, wanted))
+    return tuple([min(max(new, old - step), old + step) for old, new in zip(last, wanted)])
 
 
 class Mixer(Protocol):

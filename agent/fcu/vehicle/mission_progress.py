@@ -306,7 +306,9 @@ class MissionProgress:
             return None
         self.state = UNDER_WAY
         item = self.mission.items[self.current]
-        now = now._replace(wanted_mps=self.default_speed_mps if self.speed_mps is None else self.speed_mps)
+        wanted_mps = self.default_speed_mps if self.speed_mps is None else self.speed_mps
+        if now.wanted_mps != wanted_mps:
+            now = now._replace(wanted_mps=wanted_mps)
         if self._stage is None:
             self._say(INFO, f"Mission: {self.current} {item.name}")
             self._stage = STAGE_BEGINNINGS[item.command](self, item, now)

@@ -50,6 +50,9 @@ class World:
         self.time_ns += self.dt_ns
         self.commands.append(commands)
 
+    def touching(self) -> tuple[int, ...]:
+        return ()
+
 
 class Ends(ControlNode):
     """Finishes with exchange `last`; waits for somebody up to exchange `waits`."""

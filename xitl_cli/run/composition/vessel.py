@@ -119,6 +119,7 @@ def autopilot(setup: VesselSetup, bridge: BridgeNode | None) -> AutopilotNode:
         setup.run.workers,
         lambda: plant.simulation.environment.wind,
         plant.tide_m,
+        plant if setup.in_fleet() else None,
     )
     if bridge is not None:
         node.heard.subscribe(bridge.handle)
@@ -266,7 +267,8 @@ def estimate_rate(setup: VesselSetup, autopilot: AutopilotNode) -> EstimateRate 
 def sensors(setup: VesselSetup) -> SensorRecorder:
     plant = setup.plant
     air = lambda: plant.simulation.environment.wind  # noqa: E731
-    return SensorRecorder(setup.profile, setup.seeds, plant.hulls, air, plant.tide_m)
+    together = plant if setup.in_fleet() else None
+    return SensorRecorder(setup.profile, setup.seeds, plant.hulls, air, plant.tide_m, together)
 
 
 @part(Place.ROS_COMPANION, when=VesselSetup.has_ros_companion)
@@ -290,7 +292,7 @@ def truth(setup: VesselSetup, control: ControlNode) -> TruthRecorder:
 
 @part(Place.MODEL_RANGE)
 def model_range(setup: VesselSetup) -> ModelRange:
-    return ModelRange(setup.plant.simulation)
+    return ModelRange(setup.plant)
 
 
 @part(Place.TRACK, when=VesselSetup.in_fleet)

@@ -5,9 +5,11 @@ run/composition makes them from the profile. session.py and loop.py call, for ea
     attach_operator(operator)  somebody may act in the run
     prepare                    connect to other processes and boards, before the recording begins
     begin(context)             the run starts
-    sense(step)                after every physics step
+    touch(step)                after each physics step in which the vessel touches something
+    sense(step)                after every physics step, or every `sense_every` steps
     exchange(step)             at the exchange rate
-    record(step)               after every physics step; last in an exchange, in a fleet before answers are read
+    record(step)               after every physics step, or every `record_every` steps; last in an exchange, in a fleet
+                               before answers are read
     receive(seconds)           while there is time until the next step
     end                        the run is over: final counts
     close                      release processes, sockets and files; may be called at any time
@@ -91,7 +93,16 @@ class RunStep:
 
 
 class RunNode:
-    """Base of all nodes. Each method does nothing; a node overrides those it needs. The module lists the calls."""
+    """Base of all nodes. Each method does nothing; a node overrides those it needs. The module lists the calls.
+
+    A period counts physics steps: a call is due when it divides the number of the step. The loop reads it once, at the
+    start of the run.
+    """
+
+    sense_every = 1
+    """Period of `sense`."""
+    record_every = 1
+    """Period of `record`."""
 
     def attach_operator(self, operator: Any) -> None:
         """Pass on to `operator` (run.nodes.operator.OperatorNode) what people ask for. Called before `prepare`."""
@@ -105,6 +116,9 @@ class RunNode:
 
     def begin(self, context: RunContext) -> None:
         """The run starts: simulation time is 0. Raises UserError when it cannot."""
+
+    def touch(self, step: RunStep) -> None:
+        """Evaluate the contacts of the vessel, of which there is at least one."""
 
     def sense(self, step: RunStep) -> None:
         """Take the measurements that are due."""

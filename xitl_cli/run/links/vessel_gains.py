@@ -12,6 +12,7 @@ rudders. Both are as in ArduRover. Other vessels get motors and rudders at their
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -40,8 +41,23 @@ class _Steering(NamedTuple):
     most_nm: float
 
 
+_KEPT = 16
+_computed: deque[tuple[VesselSpec, float, dict[str, float]]] = deque(maxlen=_KEPT)
+
+
 def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
-    """Return parameters by name, for a mission at `speed_mps`. Raises ValueError for a vessel that does not float."""
+    """Return parameters by name, for a mission at `speed_mps`. Raises ValueError for a vessel that does not float.
+
+    The results for the latest vessels are kept, because most fleets have many alike.
+    """
+    for known, known_mps, gains in _computed:
+        if known_mps == speed_mps and known == vessel:
+            return dict(gains)
+    _computed.append((vessel, speed_mps, _compute_gains(vessel, speed_mps)))
+    return dict(_computed[-1][2])
+
+
+def _compute_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
     quicker = math.sqrt(TUNED_LENGTH_M / vessel.length_m)
     outputs = output_parameters(vessel, speed_mps)
     mixer = make_mixer(Parameters(outputs))

@@ -38,6 +38,7 @@ from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.scores.estimation import EstimateCheck
 from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.traffic.self_report import SelfReport, report_from_estimate
+from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
 from xitl_cli.signing import read_key_file
@@ -60,7 +61,7 @@ class AutopilotNode(ControlNode):
 
     `make_driver`: creates the node that commands the autopilot over its first agent. `interrupted`: returns True when
     the user asked to stop; called during the wait for an answer. supervision: see there. workers: run the first agent
-    if it would otherwise be in this process. air, tide_m: as in make_sensing.
+    if it would otherwise be in this process. air, tide_m, plant: as in make_sensing.
 
     heard: route to subscribe to the messages of the active agent. driver: runs before this node.
     """
@@ -77,6 +78,7 @@ class AutopilotNode(ControlNode):
         workers: AgentWorkers | None = None,
         air: Callable[[], Air] | None = None,
         tide_m: TideNow | None = None,
+        plant: PlantView | None = None,
     ) -> None:
         self.heard = MessageRoute()
         self.ticking = ExchangePart(self._tick)
@@ -87,7 +89,7 @@ class AutopilotNode(ControlNode):
         self._interrupted = interrupted
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
-        self._sensing = make_sensing(profile, seeds, hulls, air, tide_m)
+        self._sensing = make_sensing(profile, seeds, hulls, air, tide_m, plant)
         self._recorded = profile.sensors is not None and profile.sensors.recorded is not None  # another vessel
         self.agents = [self._connection(name) for name in autopilot_links(profile)]
         first, standby = self.agents[0], profile.autopilot.standby

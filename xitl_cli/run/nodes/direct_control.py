@@ -59,6 +59,7 @@ class IdealControl(ControlNode):
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
         self._others = others
         self._waits_for = others()
+        self._stage: tuple[int, bool, int, str] | None = None
         self.progress = self._progress()
 
     def exchange(self, step: RunStep) -> None:
@@ -86,6 +87,10 @@ class IdealControl(ControlNode):
     def _progress(self) -> Progress:
         mission, finished = self._mission, self._mission.state == COMPLETE
         self._reached.update(seq for seq in mission.drain_reached() if seq in self._course)
+        stage = mission.current, finished, len(self._reached), self._waits_for
+        if stage == self._stage:
+            return self.progress
+        self._stage = stage
         return Progress(
             mode="IDEAL",
             armed=True,

@@ -22,7 +22,7 @@ class EncounterNode(RunNode):
     def __init__(self, plant: Plant, fleet: Fleet, too_close_m: float, physics_rate_hz: float) -> None:
         self._plant = plant
         self._fleet = fleet
-        self._every = max(round(physics_rate_hz / WATCH_HZ), 1)
+        self.record_every = max(round(physics_rate_hz / WATCH_HZ), 1)
         own, scripted = len(fleet.names), len(fleet.traffic)
         self._order = np.concatenate([np.argsort(np.concatenate(fleet.members)), own + np.arange(scripted)])
         outlines = [fleet.of(number).outline for number in range(own)] + [vessel.outline for vessel in fleet.traffic]
@@ -36,8 +36,6 @@ class EncounterNode(RunNode):
         self._recorder = context.recorder
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every:
-            return
         state, now_s = self._plant.state, step.now_ns * 1e-9
         assert isinstance(state, FleetState)
         motion = joined_motion(self._fleet, state)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,18 +14,10 @@ from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.simulation import Simulation, SimulationState
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.world.plant import PlantView
 
 RATE_HZ = 20.0
 SOURCE = "physics"
-
-
-class RangeLook(NamedTuple):
-    """A vessel at one instant."""
-
-    simulation: Simulation
-    state: SimulationState
-    length_m: float
-    """Overall length of its hulls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,37 +27,41 @@ class RangeLimit:
     key: str
     most: float
     """Largest valid value of the figure."""
-    figure: Callable[[RangeLook], float]
+    figure: Callable[[Simulation, SimulationState], list[float]]
+    """Figure of each of N vessels."""
     text: str
     """Sentence of the summary, with the largest value and the share of the time above the limit."""
 
 
-def froude_number(look: RangeLook) -> float:
+def froude_number(simulation: Simulation, state: SimulationState) -> list[float]:
     """Return the speed through the water over the root of g times the length."""
-    through = look.state.vessel.motion.vel_ned_mps[0] - look.state.current_ned_mps[0]
-    return math.hypot(*through[:2]) / math.sqrt(GRAVITY_MPS2 * look.length_m)
+    through_ne = (state.vessel.motion.vel_ned_mps - state.current_ned_mps)[:, :2].tolist()
+    root = math.sqrt(GRAVITY_MPS2 * simulation.vessel.model.length_m)
+    return [math.hypot(north, east) / root for north, east in through_ne]
 
 
-def deck_under_water(look: RangeLook) -> float:
+def deck_under_water(simulation: Simulation, state: SimulationState) -> list[float]:
     """Return the share of the hulls' strips with their deck under water."""
-    motion = look.state.vessel.motion
-    buoyancy = look.simulation.vessel.buoyancy
-    _, under = buoyancy.immersion(motion.pos_ned_m, motion.rot_ned_frd[:, 2], look.state.surface)
-    return float(under[0])
+    motion = state.vessel.motion
+    buoyancy = simulation.vessel.buoyancy
+    _, under = buoyancy.immersion(motion.pos_ned_m, motion.rot_ned_frd[:, 2], state.surface)
+    shares: list[float] = under.tolist()
+    return shares
 
 
-def surface_slope(look: RangeLook) -> float:
+def surface_slope(simulation: Simulation, state: SimulationState) -> list[float]:
     """Return the slope of the water at the hulls: k a of a regular wave."""
-    return math.hypot(*look.state.surface.gradient_ned[0, :2])
+    return [math.hypot(north, east) for north, east in state.surface.gradient_ned[:, :2].tolist()]
 
 
-def motion_per_step(look: RangeLook) -> float:
+def motion_per_step(simulation: Simulation, state: SimulationState) -> list[float]:
     """Return the larger of turn in rad and change of speed in m/s within one step; 0 during contact."""
-    if len(look.state.contacts):
-        return 0.0
-    motion = look.state.vessel.motion
-    most = max(np.abs(motion.gyro_frd_radps[0]).max(), np.abs(motion.acc_ned_mps2[0]).max())
-    return float(most) * look.simulation.dt_s
+    motion = state.vessel.motion
+    most = np.abs(np.concatenate([motion.gyro_frd_radps, motion.acc_ned_mps2], axis=1)).max(axis=1) * simulation.dt_s
+    if len(state.contacts):
+        most[state.contacts.vessel] = 0.0
+    figures: list[float] = most.tolist()
+    return figures
 
 
 LIMITS = (
@@ -90,13 +86,17 @@ LIMITS = (
 )  # fmt: skip
 
 
+def _figures(simulation: Simulation, state: SimulationState) -> list[tuple[float, ...]]:
+    """Return the figures of each vessel, in the order of LIMITS."""
+    return list(zip(*(limit.figure(simulation, state) for limit in LIMITS), strict=True))
+
+
 class ModelRange(RunNode):
     """Checks a vessel that is not held at RATE_HZ. Warns once for each figure that leaves its range."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        self._simulation = simulation
-        self._length_m = simulation.vessel.model.length_m  # the property computes it each time
-        self._every = max(round(1.0 / (RATE_HZ * simulation.dt_s)), 1)
+    def __init__(self, plant: PlantView) -> None:
+        self._plant = plant
+        self.record_every = max(round(1.0 / (RATE_HZ * plant.simulation.dt_s)), 1)
         self._looks = 0
         self._most = [0.0] * len(LIMITS)
         self._outside = [0] * len(LIMITS)
@@ -105,12 +105,11 @@ class ModelRange(RunNode):
         self._recorder: Recorder = context.recorder
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every or step.held:
+        if step.held:
             return
         self._looks += 1
-        look = RangeLook(self._simulation, step.state, self._length_m)
-        for number, limit in enumerate(LIMITS):
-            figure = limit.figure(look)
+        of_vessels, row = self._plant.derived(_figures)
+        for number, (limit, figure) in enumerate(zip(LIMITS, of_vessels[row], strict=True)):
             self._most[number] = max(self._most[number], figure)
             if figure > limit.most:
                 if not self._outside[number]:

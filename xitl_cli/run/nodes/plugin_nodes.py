@@ -97,16 +97,23 @@ class PluginNode(RunNode):
         for topic in self._topics:
             context.recorder.add_topic(topic)
         self._guard.call("at the start", self._node.begin, context)
+        self.sense_every, self.record_every = self._node.sense_every, self._node.record_every
+
+    def touch(self, step: RunStep) -> None:
+        self._guard.now_ns = step.now_ns
+        self._guard.call("", self._node.touch, step)
 
     def sense(self, step: RunStep) -> None:
         self._guard.now_ns = step.now_ns
         self._guard.call("", self._node.sense, step)
 
     def exchange(self, step: RunStep) -> None:
+        self._guard.now_ns = step.now_ns
         self._guard.call("", self._node.exchange, step)
 
     def record(self, step: RunStep) -> None:
         if not self._guard.failed:
+            self._guard.now_ns = step.now_ns
             self._guard.call("", self._node.record, step)
 
     def links(self) -> Sequence[Link]:

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from agent.wire.codec import Packer
 from sim_core.environment.wind import Air
 from sim_core.fleet import Fleet
-from sim_core.kinematics import Kinematics
+from sim_core.frames import Array
+from sim_core.geodesy import LocalFrame
 from sim_core.sensors.rangefinder import HullsAround, TideNow
-from sim_core.simulation import elevation_m
+from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel.battery import COULOMB_PER_AH
 from sim_core.world.traffic import scripted_motion
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import ActuatorAge, BatteryMessage
+from xitl_cli.record.truth import TruthTable
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
@@ -41,9 +46,10 @@ class TruthRecorder(RunNode):
         rate_hz = profile.clock.physics_rate_hz
         self._control = control
         self._names = ", ".join(profile.vehicle.command_names)
-        self._frame = local_frame(profile.site)
+        self._around = _around_in(local_frame(profile.site))
         self._every_truth = round(rate_hz / profile.recording.truth_rate_hz)
         self._every_environment = round(rate_hz / ENVIRONMENT_RATE_HZ)
+        self.record_every = math.gcd(self._every_truth, self._every_environment)
 
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder
@@ -52,27 +58,64 @@ class TruthRecorder(RunNode):
         self._recorder.actuators(step.now_ns, self._control.command, self._names)
 
     def record(self, step: RunStep) -> None:
-        number, now_ns, motion = step.number, step.now_ns, step.motion
-        recorder = self._recorder
+        number, now_ns, recorder = step.number, step.now_ns, self._recorder
         if number % self._every_truth == 0:
-            recorder.truth(now_ns, motion, step.state.vessel.rotor_speed)
+            recorder.truth_row(now_ns, *self._plant.derived(_truth_of))
         if number % self._every_environment == 0:
-            state = step.state
-            surface_m = float(elevation_m(self._plant.simulation, state)[0])
-            recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], surface_m)
-            lat, lon, alt = self._frame.geodetic(motion.pos_ned_m)
-            recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))
-            if (battery := state.vessel.battery) is not None:
-                used_ah = float(battery.used_as[0]) / COULOMB_PER_AH
-                recorder.write(
-                    now_ns, BatteryMessage(float(battery.voltage_v[0]), float(battery.current_a[0]), used_ah)
-                )
+            around, row = self._plant.derived(self._around)
+            recorder.environment(now_ns, around.current_ned_mps[row], around.wind_ned_mps[row], around.surface_m[row])
+            recorder.fix(now_ns, *around.geodetic[row])
+            if around.battery is not None:
+                recorder.write(now_ns, BatteryMessage(*around.battery[row]))
+
+
+class _Around(NamedTuple):
+    """Environment, place on the Earth and battery of N vessels; all have length N."""
+
+    current_ned_mps: Array
+    wind_ned_mps: Array
+    surface_m: list[float]
+    geodetic: list[tuple[float, float, float]]
+    battery: list[tuple[float, float, float]] | None
+    """Voltage in V, current in A and used charge in Ah; None for a model without a battery."""
+
+
+def _truth_of(simulation: Simulation, state: SimulationState) -> TruthTable:
+    return TruthTable(state.vessel.motion, state.vessel.rotor_speed)
+
+
+@cache
+def _around_in(frame: LocalFrame) -> Callable[[Simulation, SimulationState], _Around]:
+    """Return the function for the vessels of a site, which share its result."""
+
+    def around(simulation: Simulation, state: SimulationState) -> _Around:
+        environment, time_s = simulation.environment, state.time_ns * 1e-9
+        pos_ned_m = state.vessel.motion.pos_ned_m
+        # With an axis for each vessel: a matrix product of all vessels rounds otherwise than that of one.
+        waves_m = environment.waves.elevation_m(time_s, pos_ned_m[:, None, :2])[:, 0]
+        surface_m = environment.tide.height_m(time_s) + waves_m
+        geodetic = zip(*(values.tolist() for values in frame.geodetic(pos_ned_m)), strict=True)
+        battery = state.vessel.battery
+        used = None
+        if battery is not None:
+            values = (battery.voltage_v, battery.current_a, battery.used_as / COULOMB_PER_AH)
+            used = list(zip(*(of_vessels.tolist() for of_vessels in values), strict=True))
+        own = pos_ned_m.shape
+        return _Around(
+            np.broadcast_to(state.current_ned_mps, own),
+            np.broadcast_to(state.wind_ned_mps, own),
+            surface_m.tolist(),
+            list(geodetic),
+            used,
+        )
+
+    return around
 
 
 class SensorRecorder(RunNode):
     """Records the sensor data of a vessel without an autopilot, in the frames that an autopilot would get.
 
-    hulls, air, tide_m: as in make_sensing.
+    hulls, air, tide_m, plant: as in make_sensing.
     """
 
     def __init__(
@@ -82,8 +125,9 @@ class SensorRecorder(RunNode):
         hulls: HullsAround | None = None,
         air: Callable[[], Air] | None = None,
         tide_m: TideNow | None = None,
+        plant: PlantView | None = None,
     ) -> None:
-        self._sensing = make_sensing(profile, seeds, hulls, air, tide_m)
+        self._sensing = make_sensing(profile, seeds, hulls, air, tide_m, plant)
         self._packer = Packer(HOST_SYSTEM_ID, HOST_COMPONENT_ID)
 
     def begin(self, context: RunContext) -> None:
@@ -161,15 +205,12 @@ class LinkRecorder(RunNode):
             agent.record_links(self._recorder, now_ns)
 
 
-NO_ROTORS = np.empty((1, 0))
-
-
 class ScriptedRecorder(RunNode):
     """Records state, odometry and pose of each scripted vessel on topics with its name."""
 
     def __init__(self, fleet: Fleet, physics_rate_hz: float, truth_rate_hz: float, drawn: bool) -> None:
         self._vessels, self._tide = fleet.traffic, fleet.environment.tide
-        self._every = round(physics_rate_hz / truth_rate_hz)
+        self.record_every = round(physics_rate_hz / truth_rate_hz)
         self._drawn = drawn
         self._recorders: list[Recorder] = []
 
@@ -179,22 +220,8 @@ class ScriptedRecorder(RunNode):
             context.recorder.scene(make_scripted_scene(self._vessels))
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every:
-            return
         now_s = step.now_ns * 1e-9
         motion = scripted_motion(self._vessels, now_s, self._tide.height_m(now_s))
+        table = TruthTable(motion, np.empty((len(self._vessels), 0)))
         for row, recorder in enumerate(self._recorders):
-            own = slice(row, row + 1)
-            recorder.truth(
-                step.now_ns,
-                Kinematics(
-                    motion.pos_ned_m[own],
-                    motion.vel_ned_mps[own],
-                    motion.acc_ned_mps2[own],
-                    motion.quat_ned_frd[own],
-                    motion.rot_ned_frd[own],
-                    motion.gyro_frd_radps[own],
-                    motion.angular_acc_frd_radps2[own],
-                ),
-                NO_ROTORS,
-            )
+            recorder.truth_row(step.now_ns, table, row)

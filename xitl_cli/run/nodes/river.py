@@ -45,10 +45,10 @@ class CollisionNode(RunNode):
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder
 
-    def sense(self, step: RunStep) -> None:
-        recorder, now_ns, contacts = self._recorder, step.now_ns, step.contacts
-        if len(contacts) and not step.held:
-            for begun in self._collisions.add(now_ns, contacts):
+    def touch(self, step: RunStep) -> None:
+        recorder, now_ns = self._recorder, step.now_ns
+        if not step.held:
+            for begun in self._collisions.add(now_ns, step.contacts):
                 body = begun.what if begun.what[-1:].isdigit() else f"the {begun.what}"
                 recorder.log(now_ns, WARNING, SOURCE, f"the hull hit {body} at {begun.impact_mps:.2f} m/s")
                 self._record_contact(recorder, now_ns, begun.what, began=True)
@@ -236,7 +236,7 @@ class TideNode(RunNode):
 
     def __init__(self, profiles: Sequence[RunProfile], plant: Plant) -> None:
         self._profiles, self._plant = profiles, plant
-        self._every = max(round(profiles[0].clock.physics_rate_hz / TIDE_RATE_HZ), 1)
+        self.record_every = max(round(profiles[0].clock.physics_rate_hz / TIDE_RATE_HZ), 1)
         self._drawn_m = 0.0
 
     def begin(self, context: RunContext) -> None:
@@ -244,8 +244,7 @@ class TideNode(RunNode):
         self._record(0)
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every == 0:
-            self._record(step.now_ns)
+        self._record(step.now_ns)
 
     def _record(self, now_ns: int) -> None:
         environment, time_s = self._plant.simulation.environment, now_ns * 1e-9

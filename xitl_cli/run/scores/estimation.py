@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +16,38 @@ from xitl_cli.run.scores.mission import RootMeanSquare
 KEPT_S = 1.0
 
 
+class TruePose(NamedTuple):
+    """True position (3,) and attitude (4,) at an instant."""
+
+    pos_ned_m: NDArray[np.float64]
+    quat_ned_frd: NDArray[np.float64]
+
+
 class TruthHistory:
-    """Motion at every physics step, by its instant."""
+    """Pose at every physics step, by its instant. The rest of the motion is not kept, so that its memory is reused."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_ns = 1e9 / rate_hz
-        self._motions: deque[Kinematics] = deque(maxlen=max(round(KEPT_S * rate_hz), 1))
+        self._poses: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque(
+            maxlen=max(round(KEPT_S * rate_hz), 1)
+        )
         self._newest_ns = 0
 
     def add(self, stamp_ns: int, motion: Kinematics) -> None:
         """Add the motion after the step that ended at `stamp_ns`."""
         self._newest_ns = stamp_ns
-        self._motions.append(motion)
+        self._poses.append((motion.pos_ned_m, motion.quat_ned_frd))
 
-    def at(self, stamp_ns: int) -> Kinematics | None:
-        """Return the motion nearest to an instant.
+    def at(self, stamp_ns: int) -> TruePose | None:
+        """Return the pose nearest to an instant.
 
-        Too old an instant gives None, and a future one the newest motion.
+        Too old an instant gives None, and a future one the newest pose.
         """
         back = max(round((self._newest_ns - stamp_ns) / self._period_ns), 0)
-        return self._motions[-1 - back] if back < len(self._motions) else None
+        if back >= len(self._poses):
+            return None
+        pos_ned_m, quat_ned_frd = self._poses[-1 - back]
+        return TruePose(pos_ned_m[0], quat_ned_frd[0])
 
 
 class EstimationScore:
@@ -107,12 +120,12 @@ class EstimateCheck:
         truth = None if stamp_ns is None else self._history.at(stamp_ns)
         if truth is None:
             return
-        north, east = (estimate.pos_ned_m - truth.pos_ned_m[0])[:2].tolist()
+        north, east = (estimate.pos_ned_m - truth.pos_ned_m)[:2].tolist()
         self.position_error_m = math.hypot(north, east)
         if armed:
             self.score.add(
-                truth.pos_ned_m[0],
-                truth.quat_ned_frd[0],
+                truth.pos_ned_m,
+                truth.quat_ned_frd,
                 estimate.pos_ned_m,
                 estimate.quat_ned_frd,
                 estimate.pos_deviation_ned_m,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
@@ -31,6 +32,8 @@ from xitl_cli.run.sensors import sensor_messages
 from xitl_cli.run.sensors.recorded import RecordedChannel, read_samples
 from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
+from xitl_cli.run.sensors.together import FleetSensor, row_of
+from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.world import local_frame, magnetic_field_ned_gauss
 from xitl_cli.seeds import Seeds
 
@@ -38,7 +41,8 @@ from xitl_cli.seeds import Seeds
 class SensorSuite:
     """All sensors of the profile and their faults. Call `due` after each physics step; steps count from 1.
 
-    `further`: channels that are sent after the usual four of the same step.
+    `further`: channels that are sent after the usual four of the same step. plant: the vessel in a fleet, whose sensors
+    are measured together with those of the same model on other vessels; None for a vessel alone.
     """
 
     def __init__(
@@ -49,6 +53,7 @@ class SensorSuite:
         seeds: Seeds,
         faults: Mapping[str, FaultSpec] | None = None,
         further: Sequence[Channel] = (),
+        plant: PlantView | None = None,
     ) -> None:
         frame = local_frame(site)
         gravity_mps2 = normal_gravity_mps2(site.latitude_deg, site.altitude_m)
@@ -64,13 +69,17 @@ class SensorSuite:
         )
         self._faults = {name: SensorFaults(name, faults or {}, seeds, frame) for name, _, _ in models}
         recorded = {} if sensors.recorded is None else read_samples(sensors.recorded, site)
-        self._sensors: dict[str, SensorChannel | RecordedChannel] = {
-            name: RecordedChannel(recorded[name], encode, self._faults[name])
-            if name in recorded
-            else SensorChannel(model, default_rng(seeds.sequence(name)), physics_rate_hz, encode, self._faults[name])
-            for name, model, encode in models
-        }
+        self._sensors: dict[str, SensorChannel | FleetChannel | RecordedChannel] = {}
+        for name, model, encode in models:
+            faults_of, rng = self._faults[name], default_rng(seeds.sequence(name))
+            if name in recorded:
+                self._sensors[name] = RecordedChannel(recorded[name], encode, faults_of)
+            elif plant is not None and name in _TOGETHER:
+                self._sensors[name] = FleetChannel(model, rng, physics_rate_hz, _TOGETHER[name], faults_of, plant)
+            else:
+                self._sensors[name] = SensorChannel(model, rng, physics_rate_hz, encode, faults_of)
         self._channels: list[Channel] = [*self._sensors.values(), *further]
+        self._every = math.gcd(*(channel.every for channel in self._channels))
         self.feels_wind = any(isinstance(channel, VaneChannel) for channel in further)
         self._waiting: list[tuple[int, int, Message]] = []
         self._order = 0
@@ -80,6 +89,8 @@ class SensorSuite:
 
         air_ned_mps: the wind (1, 3), for sensors that measure it.
         """
+        if step % self._every and not self._waiting:
+            return []
         ready: list[Message] = []
         for channel in self._channels:
             if step % channel.every == 0:
@@ -125,15 +136,18 @@ def make_sensing(
     hulls: HullsAround | None = None,
     air: Callable[[], Air] | None = None,
     tide_m: TideNow | None = None,
+    plant: PlantView | None = None,
 ) -> SensorSuite:
     """Return all channels to the profile's agents.
 
     hulls: of other vessels in the world, None without any. air: air over the water now, None for the profile's.
-    tide_m: height of the still water above its mean level now, None without a tide.
+    tide_m: height of the still water above its mean level now, None without a tide. plant: the vessel in a fleet, None
+    for a vessel alone.
     """
     assert profile.sensors is not None
     further = list(_further_channels(profile, seeds, local_frame(profile.site), hulls, air, tide_m))
-    return SensorSuite(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
+    physics_hz = profile.clock.physics_rate_hz
+    return SensorSuite(profile.sensors, profile.site, physics_hz, seeds, profile.faults, further, plant)
 
 
 def _further_channels(
@@ -223,6 +237,43 @@ class SensorChannel:
                 return None
         return self._encode(stamp_ns // 1000, sample)
 
+
+class FleetChannel:
+    """A sensor of a vessel in a fleet, otherwise as SensorChannel."""
+
+    def __init__(
+        self,
+        sensor: Any,
+        rng: Generator,
+        physics_rate_hz: float,
+        encode: Callable[[int, Any, int], Message],
+        faults: SensorFaults,
+        plant: PlantView,
+    ) -> None:
+        self.every = round(physics_rate_hz / sensor.spec.rate_hz)
+        self.latency_ns = round(sensor.spec.latency_s * 1e9)
+        self.faults = faults or None
+        self._together, row = plant.shared(sensor, lambda: FleetSensor(sensor))
+        self._row = self._together.add(row, rng)
+        self._plant = plant
+        self._encode = encode
+
+    def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> Message | None:
+        sample, _ = self._plant.derived(self._together.measure)
+        row = self._row
+        if self.faults is not None:
+            sample, row = self.faults.applied(stamp_ns, row_of(sample, row)), 0
+            if sample is None:
+                return None
+        return self._encode(stamp_ns // 1000, sample, row)
+
+
+_TOGETHER: Mapping[str, Callable[[int, Any, int], Message]] = {
+    "imu": sensor_messages.imu,
+    "magnetometer": sensor_messages.magnetometer,
+    "barometer": sensor_messages.barometer,
+}
+"""Encoders of the sensors that a fleet measures together. A receiver of GNSS has too few samples to gain from it."""
 
 UNKNOWN_WIND_MPS = -1.0
 

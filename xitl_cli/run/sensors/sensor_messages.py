@@ -19,10 +19,10 @@ from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
 Message = Any  # the generated codec is untyped
 
 
-def imu(stamp_us: int, sample: ImuSample) -> Message:
-    """Return XITL_IMU."""
-    gyro, accel = sample.gyro_frd_radps[0].tolist(), sample.accel_frd_mps2[0].tolist()
-    return dialect.MAVLink_xitl_imu_message(stamp_us, gyro, accel, float(sample.temperature_degc[0]))
+def imu(stamp_us: int, sample: ImuSample, row: int = 0) -> Message:
+    """Return XITL_IMU of one unit."""
+    gyro, accel = sample.gyro_frd_radps[row].tolist(), sample.accel_frd_mps2[row].tolist()
+    return dialect.MAVLink_xitl_imu_message(stamp_us, gyro, accel, float(sample.temperature_degc[row]))
 
 
 def gnss(stamp_us: int, sample: GnssSample) -> Message:
@@ -41,15 +41,15 @@ def gnss(stamp_us: int, sample: GnssSample) -> Message:
     )
 
 
-def magnetometer(stamp_us: int, sample: MagnetometerSample) -> Message:
-    """Return XITL_MAGNETOMETER."""
-    return dialect.MAVLink_xitl_magnetometer_message(stamp_us, sample.field_frd_gauss[0].tolist())
+def magnetometer(stamp_us: int, sample: MagnetometerSample, row: int = 0) -> Message:
+    """Return XITL_MAGNETOMETER of one unit."""
+    return dialect.MAVLink_xitl_magnetometer_message(stamp_us, sample.field_frd_gauss[row].tolist())
 
 
-def barometer(stamp_us: int, sample: BarometerSample) -> Message:
-    """Return XITL_BAROMETER."""
+def barometer(stamp_us: int, sample: BarometerSample, row: int = 0) -> Message:
+    """Return XITL_BAROMETER of one unit."""
     return dialect.MAVLink_xitl_barometer_message(
-        stamp_us, float(sample.pressure_pa[0]), float(sample.temperature_degc[0])
+        stamp_us, float(sample.pressure_pa[row]), float(sample.temperature_degc[row])
     )
 
 

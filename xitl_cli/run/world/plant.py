@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable, Collection, Hashable, Sequence
+from dataclasses import fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.random import Generator
@@ -21,6 +21,8 @@ from sim_core.world.debris import DebrisState, Launch
 from sim_core.world.plan import Walls
 from sim_core.world.rays import Bodies
 from sim_core.world.waterway import Waterway
+
+T = TypeVar("T")
 
 
 class Plant:
@@ -40,6 +42,10 @@ class Plant:
         self._launch: Callable[..., Any] = fleets.launch if many else simulations.launch
         self._commands: Sequence[Any] | None = None
         self._motors: Any = None
+        self._rows: Sequence[tuple[int, int]] = simulation.rows if isinstance(simulation, Fleet) else ((0, 0),)
+        self._derived_from: SimulationState | FleetState | None = None
+        self._derived: dict[tuple[Any, int], Any] = {}
+        self._shared: dict[tuple[Any, int], Any] = {}
 
     @property
     def fleet(self) -> Fleet | None:
@@ -74,6 +80,42 @@ class Plant:
             assert isinstance(before, FleetState)
             self.state = fleets.held(simulation, self.state, before, [vessel.number for vessel in frozen])
         return self.state
+
+    def touching(self) -> Collection[int]:
+        """Return the numbers of the vessels with a contact in the latest step."""
+        simulation, state = self.simulation, self.state
+        if isinstance(state, SimulationState):
+            return (0,) if len(state.contacts) else ()
+        assert isinstance(simulation, Fleet)
+        together = zip(simulation.members, state.batches, strict=True)
+        return {
+            vessel for members, batch in together if len(batch.contacts) for vessel in members[batch.contacts.vessel]
+        }
+
+    def derived(self, number: int, derive: Callable[[Simulation, SimulationState], T]) -> tuple[T, int]:
+        """Return `derive` of the latest state, for all vessels of this one's model, and the row of this vessel.
+
+        It is computed once for a state, whichever vessel asks first.
+        """
+        state = self.state
+        if state is not self._derived_from:
+            self._derived_from = state
+            self._derived.clear()
+        batch, row = self._rows[number]
+        derived: T | None = self._derived.get((derive, batch))
+        if derived is None:
+            simulation = self.simulation
+            of_model = simulation.batches[batch] if isinstance(simulation, Fleet) else simulation
+            together = state if isinstance(state, SimulationState) else state.batches[batch]
+            derived = self._derived[derive, batch] = derive(of_model, together)
+        return derived, row
+
+    def shared(self, number: int, key: Hashable, make: Callable[[], T]) -> tuple[T, int]:
+        """Return an object that the vessels of this one's model share under a key, and the row of this vessel."""
+        batch, row = self._rows[number]
+        if (key, batch) not in self._shared:
+            self._shared[key, batch] = make()
+        return self._shared[key, batch], row
 
     def launch(self, body: Launch) -> None:
         """Add one drifting body. Raises ValueError for an impossible length."""
@@ -146,8 +188,6 @@ class PlantView:
         self.held_steps = 0
         self.hulls = self._hulls_within if isinstance(simulation, Fleet) else None
         self._plant = plant
-        self._moved_to: FleetState | None = None
-        self._motion: Kinematics | None = None
 
     @property
     def held_s(self) -> float:
@@ -178,13 +218,19 @@ class PlantView:
 
     def motion(self) -> Kinematics:
         """Return the motion of the latest state."""
-        simulation, state = self._plant.simulation, self._plant.state
+        state = self._plant.state
         if isinstance(state, SimulationState):
             return state.vessel.motion
-        assert isinstance(simulation, Fleet)
-        if self._motion is None or state is not self._moved_to:
-            self._moved_to, self._motion = state, fleets.kinematics_of(simulation, state, self.number)
-        return self._motion
+        motions, row = self._plant.derived(self.number, _motions)
+        return motions[row]
+
+    def derived(self, derive: Callable[[Simulation, SimulationState], T]) -> tuple[T, int]:
+        """Return what `derive` computes for all vessels of the same model, and this vessel's row, as in Plant."""
+        return self._plant.derived(self.number, derive)
+
+    def shared(self, key: Hashable, make: Callable[[], T]) -> tuple[T, int]:
+        """Return an object that all vessels of the same model share, and this vessel's row, as in Plant."""
+        return self._plant.shared(self.number, key, make)
 
     def tide_m(self) -> float:
         """Return the height of the still water above its mean level now."""
@@ -203,6 +249,12 @@ class PlantView:
         assert isinstance(simulation, Fleet)
         assert isinstance(state, FleetState)
         return fleets.hull_walls(simulation, state, self.number, range_m)
+
+
+def _motions(simulation: Simulation, state: SimulationState) -> list[Kinematics]:
+    """Return the motion of each vessel: arrays of one row."""
+    motion = state.vessel.motion
+    return list(map(Kinematics, *(getattr(motion, field.name)[:, None] for field in fields(Kinematics))))
 
 
 def _simulation_of(simulation: Simulation | Fleet, number: int) -> Simulation:

@@ -16,6 +16,7 @@ from tests.golden import Golden
 from xitl_cli.profile.load import load_profile
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.nodes.model_range import ModelRange
+from xitl_cli.run.world.plant import Plant
 
 MODEL = load_profile("sitl").runnable().vehicle
 FLAT = Simulation.from_spec(MODEL, Environment(), 0.0025)
@@ -32,13 +33,13 @@ def afloat(simulation: Simulation = FLAT, speed_mps: float = 0.0, sunk_m: float 
 
 def seen(states: list[SimulationState], simulation: Simulation = FLAT, held: bool = False) -> tuple[dict, list[str]]:
     told: list[str] = []
-    node = ModelRange(simulation)
+    plant = Plant(simulation, afloat(simulation), np.random.default_rng(0))
+    node = ModelRange(plant.vessels[0])
     node.begin(SimpleNamespace(recorder=SimpleNamespace(log=lambda *words: told.append(words[-1]))))  # type: ignore[arg-type]
     for number, state in enumerate(states, start=1):
-        node.record(RunStep(20 * number, 50_000_000 * number, SimpleNamespace(state=state), state.vessel.motion, held))
-        node.record(
-            RunStep(20 * number + 1, 0, SimpleNamespace(state=afloat(speed_mps=99.0)), state.vessel.motion, held)
-        )  # between two looks
+        plant.state = state
+        node.record(RunStep(20 * number, 50_000_000 * number, plant.vessels[0], state.vessel.motion, held))
+    assert node.record_every == 20
     return node.report(), told
 
 

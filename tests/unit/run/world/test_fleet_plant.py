@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sim_core.fleet import Fleet
+from sim_core.fleet import Fleet, FleetState
 from sim_core.sensors.rangefinder import ObstacleScanner, Rangefinder
-from sim_core.simulation import Simulation
+from sim_core.simulation import Simulation, SimulationState
+from sim_core.world.contact import Contacts
 from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.profile import load_profile
 from xitl_cli.run.sensors.sensing import make_sensing
@@ -83,3 +85,34 @@ def test_range_sensors_of_the_suite_hear_of_hulls_and_alone_of_none(plant: Plant
     assert with_hulls[0] == pytest.approx(34.0, abs=0.2)  # the barge's side, ahead
     assert with_hulls[54] < 12.0  # the other, abeam
     assert with_hulls[0] < without[0]
+
+
+def test_what_is_derived_from_a_state_is_computed_once_for_all_vessels_of_a_model(plant: Plant) -> None:
+    starboard, port = plant.vessels
+    calls: list[int] = []
+
+    def north_m(simulation: Simulation, state: SimulationState) -> list[float]:
+        calls.append(state.time_ns)
+        places: list[float] = state.vessel.motion.pos_ned_m[:, 0].tolist()
+        return places
+
+    for _ in range(2):
+        for vessel in (starboard, port):
+            places, row = vessel.derived(north_m)
+            assert places[row] == vessel.motion().pos_ned_m[0, 0]
+    assert calls == [plant.state.time_ns]
+    plant.advance([(1.0, 1.0), (1.0, 1.0)])
+    port.derived(north_m)
+    assert calls[1:] == [plant.state.time_ns]
+
+
+def test_vessels_with_a_contact_are_named(plant: Plant) -> None:
+    assert not plant.touching()
+    _, port = plant.vessels
+    state = plant.state
+    assert isinstance(state, FleetState)
+    touched = Contacts(np.array([1]), ("t",), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    batch = replace(state.batches[0], afloat=replace(state.batches[0].afloat, contacts=touched))
+    plant.state = replace(state, batches=(batch,))
+    assert list(plant.touching()) == [port.number]
+    plant.state = state
