@@ -295,7 +295,8 @@ def _execute(
                 with _of(name):
                     node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
             begun_s = time.perf_counter()
-            ending = loop.run()
+            with pace.running():
+                ending = loop.run()
         except StoppedWaitingError:
             raise
         except Exception as problem:
