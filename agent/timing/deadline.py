@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from time import monotonic_ns
-from typing import Any, Callable
+from typing import Callable
 
 SPIN_NS = 50_000
 """Last part of a wait, spent on reading the clock: a sleeping thread wakes some 10 µs to 100 µs late."""
@@ -17,7 +17,7 @@ FULL_EVERY_NS = 10_000_000_000
 OVERDUE_NS = 30_000_000_000
 """A loop without slack gets a collection nevertheless after this time, so that its memory does not grow."""
 _FIRST_GUESS_NS = 300_000
-_PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # linux/prctl.h
+_TIMER_SLACK = "/proc/self/timerslack_ns"
 _CLOCK_MONOTONIC, _TIMER_ABSTIME = 1, 1  # linux/time.h
 
 
@@ -46,7 +46,7 @@ class DeadlineWait:
 
     @contextmanager
     def deferred(self) -> Iterator[None]:
-        """Context without automatic collections and with exact timers for the calling thread."""
+        """Context without automatic collections and with exact timers."""
         enabled = gc.isenabled()
         slack_ns = timer_slack_ns()
         gc.collect()
@@ -116,27 +116,32 @@ def spin_ns(left_ns: int) -> None:
 
 
 def timer_slack_ns() -> int:
-    """Return the time by which the system may delay a timer of this thread; 0 if it does not say."""
-    prctl = _system_call("prctl")
-    return 0 if prctl is None else max(int(prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)), 0)
+    """Return the time by which the system may delay a timer of the main thread; 0 if it does not say."""
+    try:
+        with open(_TIMER_SLACK) as file:  # noqa: PTH123  as in agent.machine
+            return int(file.read())
+    except (OSError, ValueError):
+        return 0
 
 
 def set_timer_slack_ns(slack_ns: int) -> None:
-    """Set the time by which the system may delay a timer of this thread. Does nothing on systems without this call."""
-    prctl = _system_call("prctl")
-    if prctl is not None:
-        from ctypes import c_ulong
-
-        prctl(_PR_SET_TIMERSLACK, c_ulong(slack_ns), 0, 0, 0)
+    """Set the time by which the system may delay a timer of the main thread, where the system permits it."""
+    try:
+        with open(_TIMER_SLACK, "w") as file:  # noqa: PTH123  as in agent.machine
+            file.write(str(slack_ns))
+    except OSError:
+        return
 
 
 def absolute_sleep() -> Callable[[int], None] | None:
     """Return `clock_nanosleep` until an instant of the monotonic clock in nanoseconds; None on other systems."""
-    clock_nanosleep = _system_call("clock_nanosleep")
+    if not sys.platform.startswith("linux"):
+        return None
+    from ctypes import CDLL, byref, c_long
+
+    clock_nanosleep = getattr(CDLL(None), "clock_nanosleep", None)
     if clock_nanosleep is None:
         return None
-    from ctypes import byref, c_long
-
     timespec = (c_long * 2)()
     pointer = byref(timespec)
 
@@ -146,12 +151,3 @@ def absolute_sleep() -> Callable[[int], None] | None:
             pass  # interrupted by a signal
 
     return sleep_until
-
-
-def _system_call(name: str) -> Any:
-    """Return a function of Linux's C library, None elsewhere."""
-    if not sys.platform.startswith("linux"):
-        return None
-    from ctypes import CDLL
-
-    return getattr(CDLL(None), name, None)
