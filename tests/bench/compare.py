@@ -3,9 +3,8 @@
     python -m tests.bench.compare old.json new.json
     python -m tests.bench.compare main HEAD --only mitl --pairs 7
 
-Two commits are measured by turns, in worktrees below build/bench, with the bench of HEAD. Values of one turn are a pair:
-the disturbance by other programs is about the same for both. Two files are not paired: their values are resampled
-independently.
+Two commits are measured by turns, in worktrees below build/bench, with the bench of HEAD. Values of one turn are a
+pair, because other programs disturb both alike. Two files are not paired: their values are resampled independently.
 
 The ratio is B over A, with the interval of its median at 95 % (bootstrap). An interval that includes 1 shows no
 difference.
@@ -111,7 +110,7 @@ def _interval(samples: Array) -> tuple[float, float]:
 def measure_commits(commits: Sequence[str], words: Sequence[str], pairs: int, tiny: bool) -> list[Results]:
     """Measure two commits by turns. Raises ResultsError when git or the bench fails."""
     results = [Results(), Results()]
-    with worktree(commits[0]) as tree_a, worktree(commits[1]) as tree_b:
+    with worktree(ROOT, commits[0]) as tree_a, worktree(ROOT, commits[1]) as tree_b:
         for number in range(pairs):
             order = (0, 1) if number % 2 == 0 else (1, 0)
             for side in order:
@@ -133,20 +132,21 @@ def joined(before: Results, turn: Results) -> Results:
 
 
 @contextmanager
-def worktree(commit: str) -> Iterator[Path]:
-    """Context with a worktree of the commit that has the tests of HEAD, so that both are measured alike."""
-    sha = _git(ROOT, "rev-parse", "--verify", f"{commit}^{{commit}}")
-    folder = ROOT / "build" / "bench" / f"tree-{sha[:12]}-{os.getpid()}"
-    number = 0
+def worktree(root: Path, commit: str) -> Iterator[Path]:
+    """Context with a worktree of the commit that has the tests of HEAD, so that both are measured alike.
+
+    root: a repository. The worktree is below its folder `build` and is removed afterwards.
+    """
+    sha = _git(root, "rev-parse", "--verify", f"{commit}^{{commit}}")
+    folder = root / "build" / "bench" / f"tree-{sha[:12]}-{os.getpid()}"
     while folder.exists():  # the same commit twice
-        number += 1
-        folder = folder.with_name(f"{folder.name}-{number}")
-    _git(ROOT, "worktree", "add", "--detach", str(folder), sha)
+        folder = folder.with_name(f"{folder.name}-again")
+    _git(root, "worktree", "add", "--detach", str(folder), sha)
     try:
-        _git(folder, "checkout", _git(ROOT, "rev-parse", "HEAD"), "--", "tests")
+        _git(folder, "checkout", _git(root, "rev-parse", "HEAD"), "--", "tests")
         yield folder
     finally:
-        _git(ROOT, "worktree", "remove", "--force", str(folder))
+        _git(root, "worktree", "remove", "--force", str(folder))
 
 
 def run_bench(tree: Path, words: Sequence[str], tiny: bool) -> Results:
