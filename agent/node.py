@@ -98,6 +98,7 @@ class AgentNode:
                     continue
                 left_ns = due_ns - executor.clock.now_ns()
                 if left_ns <= 0:
+                    wait.missed()
                     self.poll()
                 elif wait.until(min(left_ns, IDLE_WAIT_NS), self.poll):
                     executor.run_due(executor.clock.now_ns())

@@ -88,6 +88,11 @@ class DeadlineWait:
             idle((left_ns - SPIN_NS) * 1e-9)
         return False
 
+    def missed(self) -> None:
+        """Note a deadline that left nothing to wait for. Garbage is collected nevertheless when it is overdue."""
+        if self._deferring:
+            self.collect(0)
+
     def collect(self, left_ns: int) -> int:
         """Collect garbage if it is due and fits into `left_ns`. Return the time that this took in nanoseconds."""
         now_ns = self._clock_ns()

@@ -208,6 +208,8 @@ class Realtime:
             self._run_max_ns = max(self._run_max_ns, run_ns)
         due_ns = self._start_ns + sim_ns
         self._step_ns = sim_ns
+        if now_ns >= due_ns:
+            self._wait.missed()
         while now_ns < due_ns:
             self._wait.until(due_ns - now_ns, idle)
             now_ns = clock_ns()

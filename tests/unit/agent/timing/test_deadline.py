@@ -132,6 +132,16 @@ def test_a_loop_without_slack_collects_now_and_then(wait: DeadlineWait, wall: Wa
         assert collected == [2]
 
 
+def test_a_loop_that_is_always_late_collects_now_and_then(wait: DeadlineWait, wall: Wall, collected: list[int]) -> None:
+    wait.missed()
+    with wait.deferred():
+        collected.clear()
+        for _ in range(5):
+            wall.now_ns += OVERDUE_NS // 2
+            wait.missed()
+        assert collected == [2, 2]
+
+
 def test_young_objects_are_collected_when_there_are_many(
     wait: DeadlineWait, wall: Wall, collected: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
