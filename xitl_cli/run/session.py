@@ -291,11 +291,11 @@ def _execute(
     try:
         try:
             _write_head(recorder, profile, profiles, scene, started)
-            for name, node in nodes.named():
-                with _of(name):
-                    node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
-            begun_s = time.perf_counter()
-            with pace.running():
+            with pace.running():  # from before the agents start: its preparation takes some time
+                for name, node in nodes.named():
+                    with _of(name):
+                        node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
+                begun_s = time.perf_counter()
                 ending = loop.run()
         except StoppedWaitingError:
             raise

@@ -27,7 +27,7 @@ class Pace(Protocol):
     """Number of times that the world paused because this machine stalled."""
 
     def running(self) -> AbstractContextManager[None]:
-        """Return the context of the run's loop."""
+        """Return the context of the run, from before its agents start."""
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
         """Return when the step that ends at `sim_ns` is due. `idle` waits for up to the given time in seconds."""
