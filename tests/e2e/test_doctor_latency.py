@@ -49,6 +49,7 @@ def test_json_has_the_exchanges_with_an_agent_that_runs() -> None:
         (("--latency", "--duration", "0"), "use 0.1 s to 36000 s"),
         (("--latency", "--link", "udp://127.0.0.1:1"), "use --agent for one that waits"),
         (("root@board", "--board", "virtual"), "root@board is a board too"),
+        (("--latency", "--board", "none"), "none"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(arguments: tuple[str, ...], sentence: str) -> None:
