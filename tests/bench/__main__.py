@@ -27,6 +27,7 @@ from tests.bench import (
     bench_commands,
     bench_fleet,
     bench_fleet_step,
+    bench_latency,
     bench_lidar,
     bench_logs,
     bench_logs_mcap,
@@ -133,6 +134,7 @@ OPTIONAL: list[tuple[Callable[[], bool], str, list[Figure]]] = [
         "no ardurover on the PATH, in the cache, or named by XITL_ARDUROVER",
         bench_ardupilot.FIGURES,
     ),
+    (bench_latency.available, "SCHED_FIFO is not permitted; xitl doctor shows the remedy", bench_latency.FIGURES),
     (bench_px4.available, "no PX4 on the PATH, or named by XITL_PX4", bench_px4.FIGURES),
 ]
 """Whether figures can be measured here, the reason if not, and the figures."""
