@@ -156,12 +156,17 @@ def machine_line(results: Results, rows: Sequence[Row]) -> str:
     names = [name for row in rows for name in row.figures if name in results.figures]
     runs = [results.figures[name].run for name in names]
     places = dict.fromkeys(
-        f"{run.machine['processors']} cores of {run.machine['name']} (Python {run.versions['python']})" for run in runs
+        f"{run.machine['processors']} cores of {run.machine['name']} (Python {_minor(run.versions['python'])})"
+        for run in runs
     )
     return (
         f"`make bench` measured these medians on {' and on '.join(places)}. The last column names the commit. "
         "Least and most are in parentheses, where more than the median was kept."
     )
+
+
+def _minor(version: str) -> str:
+    return ".".join(version.split(".")[:2])
 
 
 def pages(results: Results) -> dict[Path, str]:
