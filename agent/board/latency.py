@@ -424,13 +424,13 @@ def report_text(report: Mapping[str, Any]) -> str:
 
 def _link_lines(url: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield f"round trip in µs to the agent at {url}"
-    yield f"{'scheduling':<12}{'load':<5}{'samples':>7}{'lost':>5}{_heads()}{'± offset':>9}{'drift ppm':>14}"
+    yield f"{'scheduling':<12}{'load':<5}{'samples':>7}{'lost':>4}{_heads()}{'± offset':>9}{'drift ppm':>15}"
     for row in rows:
         clock = row["clock"]
         drift = f"{clock['drift_ppm']:.1f} ± {clock['drift_error_ppm']:.1f}"
         yield (
-            f"{row['scheduling']:<12}{_yes(row['load']):<5}{row['samples']:>7}{row['lost']:>5}{_figures(row)}"
-            f"{clock['offset_bound_us']:>9.0f}{drift:>14}"
+            f"{row['scheduling']:<12}{_yes(row['load']):<5}{row['samples']:>7}{row['lost']:>4}{_figures(row)}"
+            f"{clock['offset_bound_us']:>9.0f}{drift:>15}"
         )
     yield f"its clock is {rows[-1]['clock']['offset_us'] * 1e-6:+.6f} s from this one"
 
