@@ -10,7 +10,7 @@ PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check -
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench figures figures-of-vehicles paper soak wheel mutate lock clean
+.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages figures figures-of-vehicles paper soak wheel mutate lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -94,8 +94,14 @@ docs: $(VENV)/.dev  ## the site of docs/ in build/site, every link and anchor ch
 pictures: $(VENV)/.dev  ## make the pictures of README and docs/ anew, from runs; some minutes, needs Chromium
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.pictures
 
-bench: $(VENV)/.dev  ## measure; asserts nothing
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench
+bench: $(VENV)/.dev  ## measure; asserts nothing; writes build/bench/*.json (ONLY=word of a name, OUT=file)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench $(if $(ONLY),--only "$(ONLY)") $(if $(OUT),--out "$(OUT)")
+
+bench-compare: $(VENV)/.dev  ## two results or two commits in pairs, with intervals: A=old B=new (ONLY=word, PAIRS=number)
+	$(BIN)/python -m tests.bench.compare $(A) $(B) $(if $(ONLY),--only "$(ONLY)") $(if $(PAIRS),--pairs $(PAIRS))
+
+bench-pages: $(VENV)/.dev  ## keep the results in KEEP=file, and write the tables of speed in docs/
+	PYTHONPATH=. $(BIN)/python tools/write_bench.py $(KEEP)
 
 figures: $(VENV)/.dev  ## the three environments with twenty seeds each, and their table in docs/figures.md
 	$(BIN)/xitl campaign environments --out runs/figures --report || test $$? = 1

@@ -11,6 +11,7 @@ from agent.machine import HealthMonitor, read_machine
 from agent.reports import PROTOCOL, UNKNOWN, Identity, node_info, node_status, task_miss, task_stats
 from agent.roles.role import Role
 from agent.timing.clock import Clock, MonotonicClock, SteppedClock, TickClock, wait_readable
+from agent.timing.deadline import DeadlineWait
 from agent.timing.tasks import Executor
 from agent.wire import dialect
 from agent.wire.codec import Message, Prepared, prepare
@@ -20,6 +21,7 @@ __all__ = ["PROTOCOL", "AgentNode"]
 
 STATUS_RATE_HZ = 1.0
 IDLE_WAIT_S = 0.5
+IDLE_WAIT_NS = round(IDLE_WAIT_S * 1e9)
 SILENCE_S = 60.0
 MISSES_A_CYCLE = 10
 STRANGERS_EVERY_NS = 10_000_000_000
@@ -85,13 +87,21 @@ class AgentNode:
 
     def serve(self, keep_on: Callable[[], bool]) -> None:
         """Poll until `keep_on` returns False. It is called at least every `IDLE_WAIT_S`."""
-        while keep_on():
-            wait_s = IDLE_WAIT_S
-            executor = self._due_now()
-            due_ns = None if executor is None else executor.next_due_ns
-            if executor is not None and due_ns is not None:
-                wait_s = min(max(due_ns - executor.clock.now_ns(), 0) * 1e-9, IDLE_WAIT_S)
-            self.poll(wait_s)
+        wait = DeadlineWait()
+        with wait.deferred():
+            while keep_on():
+                executor = self._due_now()
+                due_ns = None if executor is None else executor.next_due_ns
+                wait.defer(due_ns is not None)
+                if executor is None or due_ns is None:
+                    self.poll(IDLE_WAIT_S)
+                    continue
+                left_ns = due_ns - executor.clock.now_ns()
+                if left_ns <= 0:
+                    wait.missed()
+                    self.poll()
+                elif wait.until(min(left_ns, IDLE_WAIT_NS), self.poll):
+                    executor.run_due(executor.clock.now_ns())
 
     def poll(self, timeout_s: float = 0.0) -> None:
         """Handle the received messages, waiting at most `timeout_s` for them, then run the tasks that are due."""

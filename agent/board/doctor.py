@@ -346,8 +346,19 @@ def main(arguments: list[str], program: str) -> int:
     parser = argparse.ArgumentParser(prog=program, description="Check whether this machine can run the agent.")
     parser.add_argument("--link", metavar="URL", help="also open this link: its port, device or interface")
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
+    parser.add_argument("--latency", action="store_true", help="measure the real-time latency of this machine instead")
+    parser.add_argument(
+        "--rate", type=float, action="append", metavar="HZ", help="latency: rate of the task, repeatable (default: 400)"
+    )
+    parser.add_argument(
+        "--duration", type=float, default=10.0, metavar="S", help="latency: time of each measured loop (default: 10)"
+    )
+    parser.add_argument("--load", action="store_true", help="latency: measure again with busy processors")
+    parser.add_argument("--agent", default="", metavar="URL", help="latency: use the agent that waits at this address")
     parser.add_argument("--for-host", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
+    if options.latency:
+        return _measure_latency(options)
     findings = examine(options.link, OLDEST)
     if options.for_host:
         sys.stdout.write(MARK + json.dumps({"findings": findings_to_objects(findings)}) + "\n")
@@ -356,6 +367,25 @@ def main(arguments: list[str], program: str) -> int:
     else:
         sys.stdout.write(findings_text(findings, sys.stdout.isatty() and "NO_COLOR" not in os.environ) + "\n")
     return exit_code(findings)
+
+
+def _measure_latency(options: argparse.Namespace) -> int:
+    """Measure and print. Return 1 when a rate is not held, and 2 when the measurement is not possible."""
+    from agent.board.latency import LatencyError, LatencyPlan, holds_all, measure, report_text
+
+    try:
+        plan = LatencyPlan(tuple(options.rate or (400.0,)), options.duration, options.load, options.agent)
+        report = measure(plan)
+    except LatencyError as error:
+        if options.for_host:
+            sys.stdout.write(MARK + json.dumps({"error": str(error)}) + "\n")
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+    if options.for_host:
+        sys.stdout.write(MARK + json.dumps({"latency": report}) + "\n")
+    else:
+        sys.stdout.write((json.dumps(report, indent=2) if options.json else report_text(report)) + "\n")
+    return 0 if holds_all(report) else 1
 
 
 def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/")) -> list[DoctorFinding]:

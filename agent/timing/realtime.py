@@ -64,6 +64,12 @@ def schedule(priority: int) -> str:
     return ""
 
 
+def unschedule() -> None:
+    """Schedule every thread of this process in the ordinary way again."""
+    for thread in _threads():
+        os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
+
+
 @contextmanager
 def ordinary() -> Iterator[None]:
     """Context without SCHED_FIFO, so that processes started in it do not inherit it."""

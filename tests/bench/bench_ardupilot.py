@@ -16,9 +16,11 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from tests.ardupilot import Rover
+from tests.bench.figure import Figure, scaled
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import find_firmware
 
@@ -88,14 +90,14 @@ def close_echo_factor() -> float:
         os.sched_setaffinity(0, processors)
 
 
-def echo_factor(frames: int = ECHO_FRAMES) -> float:
+def echo_factor(frames: int | None = None) -> float:
     """Real-time factor of a loop that answers each frame with a constant, of a vessel at rest."""
     with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         sock.settimeout(10.0)
         with Rover(Path(folder), world=f"udp://127.0.0.1:{sock.getsockname()[1]}"):
             start_s = sim_s = 0.0
-            for number in range(frames):
+            for number in range(frames or scaled(ECHO_FRAMES, 2 * RATE_HZ)):
                 packet, sender = sock.recvfrom(256)
                 rate_hz = struct.unpack_from("<H", packet, 2)[0]
                 sim_s += 1.0 / rate_hz
@@ -119,10 +121,23 @@ def run_cost(profile: str = "sitl-ardupilot", duration_s: int = RUN_S) -> RunCos
         return RunCost(float(json.loads(done.stdout)["real_time_factor"]), wall_s, busy_s)
 
 
-def factors(turns: int = TURNS) -> Factors:
+@cache
+def factors(turns: int | None = None) -> Factors:
     """All, in turns, as the machine is noisy."""
-    measured = [(echo_factor(), close_echo_factor(), run_cost()) for _ in range(turns)]
+    run_s = scaled(RUN_S, 5)
+    measured = [
+        (echo_factor(), close_echo_factor(), run_cost(duration_s=run_s)) for _ in range(turns or scaled(TURNS, 1))
+    ]
     return Factors(*(list(values) for values in zip(*measured, strict=True)))
+
+
+FIGURES = [
+    Figure("sitl-ardupilot at 1200 frames a second", ">= 12", "x real time", lambda: factors().run),
+    Figure("sitl-ardupilot, of a bare echo of the frames", ">= 0.5", "x", lambda: factors().ratios),
+    Figure("sitl-ardupilot, of an echo on one processor with ArduPilot", "", "x", lambda: factors().close_ratios),
+    Figure(f"sitl-ardupilot, {RUN_S} s: the whole command", "", "s", lambda: factors().wall_s),
+    Figure(f"sitl-ardupilot, {RUN_S} s: processor time", "", "s", lambda: factors().busy_s),
+]
 
 
 def available() -> bool:

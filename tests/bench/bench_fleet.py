@@ -15,6 +15,8 @@ import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from tests.bench.figure import Figure, scaled
+
 LENGTH_S = 30.0
 RUNS = 3
 PROFILE = """
@@ -25,7 +27,15 @@ vessels:
     formation: {{shape: grid, spacing_m: 10}}
     mission: {{start: {{north_m: 0, east_m: 0, heading_deg: 37}}, waypoints_ned_m: [[120, 90]]}}
 """
-_ONE = "from tests.bench.bench_fleet import print_figures; print_figures({vessels})"
+MODELS = """
+extends: mitl
+vessels:
+  boat:
+    count: {vessels}
+    formation: {{shape: grid, spacing_m: 10}}
+    mission: {{start: {{north_m: 0, east_m: 0, heading_deg: 37}}, waypoints_ned_m: [[120, 90]]}}
+"""
+_ONE = "from tests.bench.bench_fleet import print_figures; print_figures({vessels}, {profile!r}, {length_s})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,34 +52,34 @@ class FleetFigures:
     file_mb: float
 
 
-def measure(vessels: int) -> FleetFigures:
+def measure(vessels: int, profile: str, length_s: float) -> FleetFigures:
     """Of a run in this process, what it starts included."""
     import xitl
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fleet.yaml"
-        path.write_text(PROFILE.format(vessels=vessels))
+        path.write_text(profile.format(vessels=vessels))
         before_s = _processor_s()
-        result = xitl.simulate(path, duration_s=LENGTH_S, out=Path(folder) / "run")
+        result = xitl.simulate(path, duration_s=length_s, out=Path(folder) / "run")
         used_s = _processor_s() - before_s
         return FleetFigures(
             vessels,
             result.summary["real_time_factor"],
-            used_s / LENGTH_S / vessels,
+            used_s / length_s / vessels,
             resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
-            result.recording.stat().st_size / 1e6 / vessels / (LENGTH_S / 60.0),
+            result.recording.stat().st_size / 1e6 / vessels / (length_s / 60.0),
         )
 
 
-def print_figures(vessels: int) -> None:
+def print_figures(vessels: int, profile: str, length_s: float) -> None:
     """As JSON, for `figures`."""
-    print(json.dumps(asdict(measure(vessels))))
+    print(json.dumps(asdict(measure(vessels, profile, length_s))))
 
 
-def figures(vessels: int) -> FleetFigures:
+def figures(vessels: int, profile: str = PROFILE) -> FleetFigures:
     """Of a run in a process of its own."""
     done = subprocess.run(
-        [sys.executable, "-c", _ONE.format(vessels=vessels)],
+        [sys.executable, "-c", _ONE.format(vessels=vessels, profile=profile, length_s=scaled(LENGTH_S, 0.2))],
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
@@ -80,7 +90,23 @@ def figures(vessels: int) -> FleetFigures:
 
 def factors(vessels: int) -> list[float]:
     """Real time factors of RUNS runs."""
-    return [figures(vessels).real_time_factor for _ in range(RUNS)]
+    return [figures(vessels).real_time_factor for _ in range(scaled(RUNS, 1))]
+
+
+def many_models_over_one() -> list[float]:
+    """Time of a run of 64 vessels of `mitl` over that of one vessel, by turns."""
+    ratios = []
+    for _ in range(scaled(RUNS, 1)):
+        one, many = (figures(vessels, MODELS).real_time_factor for vessels in (1, 64))
+        ratios.append(one / many)
+    return ratios
+
+
+FIGURES = [
+    Figure("fleet of 8 vessels of sitl in lockstep", ">= 3", "x real time", lambda: factors(8)),
+    Figure("fleet of 32 vessels of sitl in lockstep", ">= 1", "x real time", lambda: factors(32)),
+    Figure("run of 64 vessels of mitl over a run of one", "", "x", many_models_over_one),
+]
 
 
 def _processor_s() -> float:

@@ -27,6 +27,7 @@ from sim_core.simulation import Simulation
 from sim_core.world.plan import Capsules
 from sim_core.world.waterway import OPEN_WATER, Waterway
 from tests.bench.bench_vessel_step import ASV, MONOHULL
+from tests.bench.figure import Figure, scaled
 
 DT_S, ROUNDS, STEPS = 0.0025, 12, 160  # a whole number of long steps
 BOOM = Waterway(Capsules(np.array([[0.0, -9.0]]), np.array([[200.0, -9.0]]), np.array([0.4]), ("log boom",)))
@@ -80,7 +81,7 @@ def many(count: int, waterway: Waterway = OPEN_WATER, apart_m: float = 10.0, mod
 def least_step_s(cases: dict[str, Callable[[], None]]) -> dict[str, float]:
     """Of each, least of all rounds."""
     best = dict.fromkeys(cases, math.inf)
-    for _ in range(ROUNDS):
+    for _ in range(scaled(ROUNDS, 1)):
         for name, go in cases.items():
             began_s = time.process_time()
             go()
@@ -91,15 +92,15 @@ def least_step_s(cases: dict[str, Callable[[], None]]) -> dict[str, float]:
 def ratios(waterway: Waterway = OPEN_WATER) -> list[float]:
     """Step of 64 vessels over that of one, a few times."""
     found = []
-    for _ in range(3):
+    for _ in range(scaled(3, 1)):
         best = least_step_s({"one": one_alone(), "many": many(64, waterway)})
         found.append(best["many"] / best["one"])
     return found
 
 
-FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
-    ("a step of a fleet of 64 over one vessel's", "<= 3", "x", ratios),
-    ("the same, contact with a boom too", "<= 3", "x", lambda: ratios(BOOM)),
+FIGURES = [
+    Figure("a step of a fleet of 64 over one vessel's", "<= 3", "x", ratios),
+    Figure("a step of a fleet of 64 over one vessel's, with contact", "<= 3", "x", lambda: ratios(BOOM)),
 ]
 
 

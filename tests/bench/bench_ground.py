@@ -10,6 +10,7 @@ from agent.fcu.parameters import TABLE
 from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.transport import open_transport
+from tests.bench.figure import scaled
 from tests.contract.live_boat import Boat, boat
 
 LIST_RUNS = 5
@@ -23,7 +24,7 @@ def parameter_list_s() -> list[float]:
     with boat(host=False) as found, ExitStack() as opened:
         link = _tcp(found, opened)
         _wait_for(link, dialect.MAVLINK_MSG_ID_HEARTBEAT)
-        return [_fetch_s(link) for _ in range(LIST_RUNS)]
+        return [_fetch_s(link) for _ in range(scaled(LIST_RUNS, 1))]
 
 
 def _fetch_s(link: Link) -> float:
@@ -51,14 +52,14 @@ def attitude_gap_ms() -> list[float]:
             set_interval = (dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, attitude, 20_000.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             link.send(dialect.MAVLink_command_long_message(1, 1, *set_interval))
             _wait_for(link, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
-        return [_longest_gap_s(links) * 1e3 for _ in range(GAP_RUNS)]
+        return [_longest_gap_s(links) * 1e3 for _ in range(scaled(GAP_RUNS, 1))]
 
 
 def _longest_gap_s(links: list[Link]) -> float:
     by_descriptor = {link.transport.fileno(): link for link in links}
     last_s: dict[int | None, float] = {}
     longest_s = 0.0
-    until_s = time.monotonic() + GAP_RUN_S
+    until_s = time.monotonic() + scaled(GAP_RUN_S, 1.0)
     while time.monotonic() < until_s:
         readable, _, _ = select.select(list(by_descriptor), [], [], 0.5)
         now_s = time.monotonic()

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import xitl
+from tests.bench.figure import Figure, scaled
 
 Array = NDArray[np.float64]
-VESSELS, STEPS, ROUNDS = 1024, 25, 5
+VESSELS, STEPS = 1024, 25
 PROFILE, CONTROL_HZ = "sitl", 50.0
 
 
@@ -33,7 +34,7 @@ def steps_per_second(threads: int, clock: Callable[[], float]) -> list[float]:
     physics_hz = xitl.load_profile(PROFILE).runnable().clock.physics_rate_hz
     vessel_steps = VESSELS * STEPS * physics_hz / CONTROL_HZ
     rates = []
-    for _ in range(ROUNDS):
+    for _ in range(scaled(5, 1)):
         began_s = clock()
         for _ in range(STEPS):
             env.step(action)
@@ -42,22 +43,18 @@ def steps_per_second(threads: int, clock: Callable[[], float]) -> list[float]:
     return rates
 
 
-FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
-    (
-        "vessel steps of 1024 in a learning environment",
-        ">= 300000",
-        "a second",
-        lambda: steps_per_second(1, time.perf_counter),
-    ),
-    ("the same, two threads", "", "a second", lambda: steps_per_second(2, time.perf_counter)),
-    ("the same, one thread, by processor time", "", "a second", lambda: steps_per_second(1, time.process_time)),
+_NAME = "vessel steps of 1024 in a learning environment"
+FIGURES: list[Figure] = [
+    Figure(_NAME, ">= 300000", "a second", lambda: steps_per_second(1, time.perf_counter)),
+    Figure(f"{_NAME}, two threads", "", "a second", lambda: steps_per_second(2, time.perf_counter)),
+    Figure(f"{_NAME}, by processor time", "", "a second", lambda: steps_per_second(1, time.process_time)),
 ]
 
 
 def main() -> None:
-    for name, _, unit, measure in FIGURES:
-        rates = measure()
-        print(f"{name:62} {np.median(rates):10.0f} {unit}, at most {max(rates):.0f}")
+    for figure in FIGURES:
+        rates = figure.measure()
+        print(f"{figure.name:76} {np.median(rates):10.0f} {figure.unit}, at most {max(rates):.0f}")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.transport import open_transport
 from sim_core.simulation import step
+from tests.bench.figure import scaled
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.setup import embedded_parameters, mission_items, set_parameters, upload_plan
 from xitl_cli.run.sensors.sensing import SensorSuite
@@ -139,7 +140,7 @@ def round_trips() -> dict[str, list[float]]:
             rig.trip_s(rig.messages())
             if rig.tick == DEPART_S * RATE_HZ:
                 rig.depart()
-        for _ in range(BLOCKS):
+        for _ in range(scaled(BLOCKS, 1)):
             due_s = time.perf_counter()
             for _ in range(BLOCK):
                 messages = rig.messages()
@@ -158,7 +159,7 @@ def round_trip_ratios(share: float, runs: int = 3) -> Callable[[], list[float]]:
 
     def measure() -> list[float]:
         ratios = []
-        for _ in range(runs):
+        for _ in range(scaled(runs, 1)):
             times = round_trips()
             ratios.append(_quantile(times["trip"], share) / _quantile(times["echo"], share))
         return ratios
@@ -169,7 +170,7 @@ def round_trip_ratios(share: float, runs: int = 3) -> Callable[[], list[float]]:
 def agent_cpu_percent(runs: int = 3, seconds: int = 20) -> list[float]:
     """Of one core, over a run in real time with IMU and exchanges at 100 Hz."""
     shares = []
-    for _ in range(runs):
+    for _ in range(scaled(runs, 1)):
         with agent_process() as (process, url), tempfile.TemporaryDirectory() as folder:
             settings = {
                 "autopilot.runs": "board",
@@ -181,7 +182,7 @@ def agent_cpu_percent(runs: int = 3, seconds: int = 20) -> list[float]:
             before_s, started_s = _cpu_s(process.pid), time.perf_counter()
             command = [sys.executable, "-m", "xitl_cli.main", "sim", "-p", "hitl-loopback", *sets]
             subprocess.run(
-                [*command, "--duration", str(seconds), "--out", f"{folder}/run", "--json"],
+                [*command, "--duration", str(scaled(seconds, 2)), "--out", f"{folder}/run", "--json"],
                 check=False,
                 capture_output=True,
             )

@@ -24,6 +24,7 @@ from typing import Literal
 
 import numpy as np
 
+from tests.bench.figure import Figure, scaled
 from tests.recorded import LOGS
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
@@ -33,7 +34,7 @@ NAMES: dict[Kind, tuple[str, ...]] = {
     "board": ("boat-auto-linux-hal-injected.bin",),
 }
 SIZE = 100_000_000
-RUNS = 7
+RUNS, PYMAVLINK_RUNS = 7, 3
 DENSE, RARE = "IMU", "PM"
 _HOLD_ALL = """
 import sys
@@ -56,7 +57,7 @@ def large_log(kind: Kind) -> Path:
     with path.open("wb") as file:
         size = file.write((LOGS / NAMES[kind][0]).read_bytes())
         at_us = bodies[0].begin_us + bodies[0].lasts_us
-        while size < SIZE:
+        while size < scaled(SIZE, 1):
             for body in bodies:
                 records = body.shifted(at_us)
                 if kind == "board":
@@ -152,7 +153,7 @@ def pymavlink(kind: Kind) -> Theirs:
 
     opens_s, dense_s, rare_s = [], [], []
     DFReader.DFReader_binary(str(large_log(kind))).close()  # the file is in memory then, for both
-    for _ in range(3):
+    for _ in range(PYMAVLINK_RUNS):
         started_s = time.process_time()
         reader = DFReader.DFReader_binary(str(large_log(kind)))
         opens_s.append(time.process_time() - started_s)
@@ -160,7 +161,7 @@ def pymavlink(kind: Kind) -> Theirs:
         reader.rewind()
         dense_s.append(loop_s(partial(reader.recv_match, type=DENSE)))
         reader.rewind()
-        if len(opens_s) < 3:
+        if len(opens_s) < PYMAVLINK_RUNS:
             reader.close()
     all_s = loop_s(reader.recv_msg)
     reader.close()
@@ -188,7 +189,7 @@ def timed(work: Callable[[], object], runs: int, clock: Callable[[], float] = ti
 
 def processor_s(work: Callable[[], object]) -> list[float]:
     """As `timed`: what others do on the machine meanwhile is in neither reader's figure."""
-    return timed(work, RUNS, time.process_time)
+    return timed(work, scaled(RUNS, 1), time.process_time)
 
 
 def all_ratios(kind: Kind) -> list[float]:
@@ -216,7 +217,7 @@ def dense_mbps(kind: Kind) -> list[float]:
         with DataFlashLog(large_log(kind)) as log:
             log.tables[DENSE].read()
 
-    return [large_log(kind).stat().st_size / 1e6 / took_s for took_s in timed(work, RUNS)]
+    return [large_log(kind).stat().st_size / 1e6 / took_s for took_s in timed(work, scaled(RUNS, 1))]
 
 
 def rare_ratios(kind: Kind) -> list[float]:
@@ -237,7 +238,7 @@ def info_s(kind: Kind) -> list[float]:
         with DataFlashLog(large_log(kind)) as log:
             void({name: len(table) for name, table in log.tables.items()}, log.span_ns)
 
-    return timed(work, RUNS)
+    return timed(work, scaled(RUNS, 1))
 
 
 def health_s(kind: Kind) -> list[float]:
@@ -247,18 +248,20 @@ def health_s(kind: Kind) -> list[float]:
         with DataFlashLog(large_log(kind)) as log:
             void({name: len(table) for name, table in log.tables.items()}, log.span_ns, log.health)
 
-    return timed(work, RUNS)
+    return timed(work, scaled(RUNS, 1))
 
 
 def info_command_s(kind: Kind) -> list[float]:
     """`xitl logs info` as a process of its own."""
-    return timed(lambda: xitl("logs", "info", str(large_log(kind))), RUNS)
+    return timed(lambda: xitl("logs", "info", str(large_log(kind))), scaled(RUNS, 1))
 
 
 def analyze_command_s(kind: Kind) -> list[float]:
     """`xitl logs analyze --report` without the replay, as a process of its own."""
     page = large_log(kind).with_suffix(".html")
-    return timed(lambda: xitl("logs", "analyze", str(large_log(kind)), "--no-replay", "--report", str(page)), 3)
+    return timed(
+        lambda: xitl("logs", "analyze", str(large_log(kind)), "--no-replay", "--report", str(page)), scaled(3, 1)
+    )
 
 
 def xitl(*arguments: str) -> None:
@@ -268,7 +271,7 @@ def xitl(*arguments: str) -> None:
 def memory_over_file_mib(kind: Kind) -> list[float]:
     """Resident at most, of a process that holds every column, less the size of the file."""
     found = []
-    for _ in range(3):
+    for _ in range(scaled(3, 1)):
         command = [sys.executable, "-c", _HOLD_ALL, str(large_log(kind))]
         told = subprocess.run(command, capture_output=True, text=True, check=True)
         found.append((int(told.stdout) - large_log(kind).stat().st_size) / 2**20)
@@ -291,8 +294,8 @@ _OF_EACH: list[tuple[str, str, str, Callable[[Kind], list[float]]]] = [
     ("every column held, memory over the file's size", "< 250", "MiB", memory_over_file_mib),
 ]
 _LOGS: dict[Kind, str] = {"simulator": "100 MB of a simulator", "board": "100 MB of a board"}
-FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
-    (f"{log}: {name}", wanted, unit, partial(measure, kind))
+FIGURES = [
+    Figure(f"{log}: {name}", wanted, unit, partial(measure, kind))
     for kind, log in _LOGS.items()
     for name, wanted, unit, measure in _OF_EACH
 ]

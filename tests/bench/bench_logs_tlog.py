@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.bench.bench_logs import RUNS, loop_s, timed
+from tests.bench.figure import Figure, scaled
 from tests.recorded import MISSION_TLOG
 from xitl_cli.logs.formats.tlog.file import TelemetryLog, index_frames
 
@@ -33,7 +34,7 @@ def large_log() -> Path:
     stamp_us = data[times].view(">u8")[:, 0]
     lasts_us = int(np.ptp(stamp_us)) + 1000
     with path.open("wb") as file:
-        for number in range(SIZE // len(data)):
+        for number in range(scaled(SIZE // len(data), 1)):
             data[times] = (stamp_us + np.uint64(number * lasts_us)).astype(">u8").view(np.uint8).reshape(-1, 8)
             file.write(data.tobytes())
     return path
@@ -59,7 +60,7 @@ def all_s(clock: Callable[[], float] = time.perf_counter) -> list[float]:
                 for column in table.columns:
                     table.values(column)
 
-    return timed(work, RUNS, clock)
+    return timed(work, scaled(RUNS, 1), clock)
 
 
 def mbps() -> list[float]:
@@ -70,9 +71,9 @@ def ratios() -> list[float]:
     return [pymavlink_s() / took_s for took_s in all_s(time.process_time)]
 
 
-FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
-    ("every message of a 20 MB telemetry log", "", "MB/s", mbps),
-    ("the same, of pymavlink", "", "x", ratios),
+FIGURES = [
+    Figure("every message of a 20 MB telemetry log", "", "MB/s", mbps),
+    Figure("every message of a 20 MB telemetry log, of pymavlink", "", "x", ratios),
 ]
 
 

@@ -16,6 +16,7 @@ from sim_core.frames import Array32
 from sim_core.world.geometry import WOOD, cylinder
 from sim_core.world.ray_backends import make_caster
 from sim_core.world.rays import NO_BODIES, Bodies
+from tests.bench.figure import Figure, scaled
 from tests.river import fan, river_scenery
 
 RUNS = 7
@@ -62,7 +63,7 @@ def _bare() -> Callable[[], object]:
 
 def _times(*calls: Callable[[], object], turns: int = 20) -> list[list[float]]:
     """Seconds a ray of each call, of each run."""
-    return [[_median_s(call, turns) / RAYS for call in calls] for _ in range(RUNS)]
+    return [[_median_s(call, scaled(turns, 1)) / RAYS for call in calls] for _ in range(scaled(RUNS, 1))]
 
 
 def _median_s(call: Callable[[], object], turns: int) -> float:
@@ -83,10 +84,10 @@ def _afloat(count: int) -> Bodies:
     return Bodies((cylinder(0.25, 5.0, WOOD),) * count, place.astype(np.float64), velocity, level)
 
 
-FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
-    ("rays of a lidar into 100 000 triangles", ">= 10", "x real time", times_real_time),
-    ("the same, of a bare call of Embree", ">= 0.5", "x", share_of_embree),
-    ("the same with 20 bodies adrift", "", "x real time", with_bodies),
+FIGURES = [
+    Figure("rays of a lidar into 100 000 triangles", ">= 10", "x real time", times_real_time),
+    Figure("rays of a lidar, of a bare call of Embree", ">= 0.5", "x", share_of_embree),
+    Figure("rays of a lidar with 20 bodies adrift", "", "x real time", with_bodies),
 ]
 
 

@@ -16,6 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from tests.bench.figure import Figure, scaled
 from tests.chromium import CHROMIUM, launch_chromium
 
 XITL = [sys.executable, "-c", "from xitl_cli.main import main; main()"]
@@ -47,10 +48,10 @@ def view_ratios(pairs: int = 5, duration_s: float = 120.0) -> tuple[list[float],
     """Of pairs, with a view over without: speed, and processor time with that of the view's process."""
     with tempfile.TemporaryDirectory() as folder:
         speeds, seconds = [], []
-        for number in range(pairs):
+        for number in range(scaled(pairs, 1)):
             found = {}
             for arguments in ((), ("--view",)) if number % 2 else (("--view",), ()):
-                found[arguments] = run_once(Path(folder) / "run", duration_s, *arguments)
+                found[arguments] = run_once(Path(folder) / "run", scaled(duration_s, 1.0), *arguments)
             speeds.append(found[("--view",)][0] / found[()][0])
             seconds.append(found[("--view",)][1] / found[()][1])
     return speeds, seconds
@@ -72,7 +73,7 @@ def pictures_per_second(seconds: float = 8.0) -> float:
                 page.goto(address)
                 page.locator("td", has_text="waypoint").wait_for(timeout=120_000)
                 time.sleep(10.0)  # the first pictures are those of a page that is being built
-                found = float(page.evaluate(COUNT_FRAMES, seconds))
+                found = float(page.evaluate(COUNT_FRAMES, scaled(seconds, 1.0)))
                 browser.close()
         finally:
             run.terminate()
@@ -80,9 +81,9 @@ def pictures_per_second(seconds: float = 8.0) -> float:
     return found
 
 
-FIGURES = [("run with a view that nobody looks at, of one without", ">= 0.9", "x", lambda: view_ratios()[0])]
+FIGURES = [Figure("run with a view that nobody looks at, of one without", ">= 0.9", "x", lambda: view_ratios()[0])]
 if CHROMIUM is not None:
-    FIGURES.append(("view at 640 x 360, drawn in software", ">= 15", "frames/s", lambda: [pictures_per_second()]))
+    FIGURES.append(Figure("view at 640 x 360, drawn in software", ">= 15", "frames/s", lambda: [pictures_per_second()]))
 
 
 if __name__ == "__main__":

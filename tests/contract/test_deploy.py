@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pythons import python
@@ -279,6 +280,30 @@ def test_doctor_looks_at_the_board(board: BoardDouble) -> None:
     levels = {finding["level"] for finding in findings.values()}
     assert result.returncode == (1 if "problem" in levels else 0)
     assert list(board.record.iterdir()) == []
+
+
+def test_doctor_measures_the_latency_of_the_board(board: BoardDouble) -> None:
+    words = ("--latency", "--rate", "50", "--duration", "0.1", "--json")
+    result = board.xitl("doctor", *words)
+    report = json.loads(result.stdout)
+    assert result.returncode == (0 if all(rate["holds"] for rate in report["rates"]) else 1)
+    here = [sys.executable, "-m", "xitl_cli.main", "doctor", *words]
+    own = json.loads(subprocess.run(here, capture_output=True, text=True, check=False).stdout)
+    assert shape(report) == shape(own)
+    assert list(board.record.iterdir()) == []
+
+
+def shape(report: Any) -> Any:
+    """Keys and kinds of values: figures differ from run to run."""
+    if isinstance(report, dict):
+        return {key: shape(value) for key, value in report.items()}
+    if isinstance(report, list):
+        return [shape(report[0])] if report else []
+    return type(report).__name__
+
+
+def test_doctor_refuses_what_the_board_cannot_measure(board: BoardDouble) -> None:
+    refused(board.xitl("doctor", "--latency", "--agent", "nowhere://x", "--duration", "0.1"), "nowhere")
 
 
 def test_doctor_fails_on_a_problem(board: BoardDouble) -> None:

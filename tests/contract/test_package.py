@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import socket
@@ -122,6 +123,14 @@ def test_the_doctor_is_in_it(archive: Path, bare: tuple[str, ...]) -> None:
     told = run(*bare, str(archive), "doctor", "--link", "udp://127.0.0.1:0")
     assert told.returncode in (0, 1), told.stderr
     assert "udp://127.0.0.1:0 can be opened" in told.stdout
+
+
+def test_it_measures_latency(archive: Path, bare: tuple[str, ...]) -> None:
+    told = run(*bare, str(archive), "doctor", "--latency", "--rate", "50", "--duration", "0.1", "--json")
+    report = json.loads(told.stdout)
+    assert told.returncode in (0, 1), told.stderr
+    assert {row["loop"] for row in report["loops"]} == {"xitl", "bare"}
+    assert report["links"][0]["samples"] + report["links"][0]["lost"] == 5
 
 
 @pytest.mark.parametrize("version", ["3.6", "3.7", "3.8"])

@@ -187,6 +187,18 @@ def test_deployed_as_a_service_it_comes_back_after_a_reboot(board: EmulatedBoard
     assert re.search(rf"^prio\s*:\s*{99 - PRIORITY}$", policy, re.MULTILINE), policy
 
 
+def test_its_latency_is_measured_there_with_the_keys_of_this_machine(board: EmulatedBoard) -> None:
+    words = ("--latency", "--rate", "50", "--duration", "0.3", "--json")
+    report, own = (
+        json.loads(subprocess.run(command("doctor", *words, *of), capture_output=True, text=True, check=False).stdout)
+        for of in (("--board", board.name), ())
+    )
+    assert report["machine"]["name"].startswith("emulated armv7l board")
+    assert report.keys() == own.keys()
+    for part in ("loops", "links", "rates"):
+        assert report[part][0].keys() == own[part][0].keys()
+
+
 def test_a_clock_set_in_mid_run_and_stress_leave_the_relation_of_the_clocks_alone(
     board: EmulatedBoard, tmp_path: Path
 ) -> None:

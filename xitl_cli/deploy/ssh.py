@@ -112,8 +112,12 @@ class Board:
         return [*words, "--", self.destination, REMOTE]
 
 
-def run_there(board: Board, package: Package, arguments: list[str], stdin: bytes) -> dict[str, Any]:
+def run_there(
+    board: Board, package: Package, arguments: list[str], stdin: bytes, longest_s: float = LONGEST_S
+) -> dict[str, Any]:
     """Run the package with `arguments` on the board, with `stdin` on its standard input; returns its outcome.
+
+    longest_s: time limit.
 
     Raises UserError with one sentence when there is no outcome, or when the outcome is an error.
     """
@@ -121,12 +125,12 @@ def run_there(board: Board, package: Package, arguments: list[str], stdin: bytes
     header = {"bytes": len(package.data), "sha256": package.sha256, "arguments": arguments}
     sent = b"%d\n%s%s\n%s%s" % (len(receiver), receiver, json.dumps(header).encode(), package.data, stdin)
     try:
-        done = subprocess.run(board.command(), input=sent, capture_output=True, timeout=LONGEST_S, check=False)
+        done = subprocess.run(board.command(), input=sent, capture_output=True, timeout=longest_s, check=False)
     except FileNotFoundError:
         raise UserError("ssh is not installed on this machine; on Debian: apt install openssh-client") from None
     except subprocess.TimeoutExpired:
         raise UserError(
-            f"{board.destination}: no answer within {LONGEST_S:.0f} s; check that the board is not overloaded"
+            f"{board.destination}: no answer within {longest_s:.0f} s; check that the board is not overloaded"
         ) from None
     lines = done.stdout.decode(errors="replace").splitlines()
     answer = next((line.removeprefix(MARK) for line in reversed(lines) if line.startswith(MARK)), None)

@@ -293,11 +293,12 @@ def _execute(
     try:
         try:
             _write_head(recorder, profile, resolved, profiles, scene, started)
-            for name, node in nodes.named():
-                with _of(name):
-                    node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
-            begun_s = time.perf_counter()
-            ending = loop.run()
+            with pace.running():  # from before the agents start: its preparation takes some time
+                for name, node in nodes.named():
+                    with _of(name):
+                        node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
+                begun_s = time.perf_counter()
+                ending = loop.run()
         except StoppedWaitingError:
             raise
         except Exception as problem:

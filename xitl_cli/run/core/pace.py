@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
+from agent.timing.deadline import DeadlineWait
 from xitl_cli.record.topics import ClockExchange, PaceReport, TaskTiming
 from xitl_cli.run.core.statistics import Histogram, Slope, TimeBase
 
@@ -23,6 +25,9 @@ class Pace(Protocol):
 
     slips: int
     """Number of times that the world paused because this machine stalled."""
+
+    def running(self) -> AbstractContextManager[None]:
+        """Return the context of the run, from before its agents start."""
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
         """Return when the step that ends at `sim_ns` is due. `idle` waits for up to the given time in seconds."""
@@ -52,6 +57,9 @@ class Lockstep:
     def __init__(self) -> None:
         self.slips = 0
         self._cycles = 0
+
+    def running(self) -> AbstractContextManager[None]:
+        return nullcontext()
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
         self._cycles += 1
@@ -156,15 +164,23 @@ class Realtime:
     host catches up and skips none. A host that is more than half a second late was asleep. It does not catch up: the
     world was paused, which counts as a slip. A stall is an interval between two steps that is longer than STALL_NS,
     even if the host catches up.
+
+    wait: waits for the deadlines.
     """
 
-    def __init__(self, period_s: float, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(
+        self,
+        period_s: float,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+        wait: DeadlineWait | None = None,
+    ) -> None:
         self.slips = 0
         self._slipped_s = 0.0
         self._stalls = 0
         self._stalled_ns = 0
         self._longest_stall_ns = 0
         self._clock_ns = clock_ns
+        self._wait = DeadlineWait() if wait is None else wait
         self._period_ns = round(period_s * 1e9)
         self._anchors: deque[tuple[int, int]] = deque(maxlen=ANCHORS_KEPT)
         self._start_ns = 0
@@ -178,6 +194,9 @@ class Realtime:
         self._time_base = TimeBase()
         self._time_base_every = max(round(1.0 / (TIME_BASE_HZ * period_s)), 1)
 
+    def running(self) -> AbstractContextManager[None]:
+        return self._wait.deferred()
+
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
         clock_ns = self._clock_ns
         now_ns = clock_ns()
@@ -189,8 +208,10 @@ class Realtime:
             self._run_max_ns = max(self._run_max_ns, run_ns)
         due_ns = self._start_ns + sim_ns
         self._step_ns = sim_ns
+        if now_ns >= due_ns:
+            self._wait.missed()
         while now_ns < due_ns:
-            idle((due_ns - now_ns) * 1e-9)
+            self._wait.until(due_ns - now_ns, idle)
             now_ns = clock_ns()
         late_ns = now_ns - due_ns
         if late_ns > SLIP_NS:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agent.timing.deadline import DeadlineWait
 from xitl_cli.run.core.pace import Lockstep, Realtime
 
 MS = 1_000_000
@@ -29,13 +30,16 @@ class Wall:
     def idle(self, seconds: float) -> None:
         self.now_ns += round(seconds * 1e9)
 
+    def spin(self, left_ns: int) -> None:
+        self.now_ns += left_ns
+
 
 class Steps:
     """A loop of steps of one period each, worked on in no time."""
 
     def __init__(self) -> None:
         self.wall = Wall()
-        self.pace = Realtime(PERIOD_S, self.wall)
+        self.pace = Realtime(PERIOD_S, self.wall, DeadlineWait(self.wall, self.wall.spin))
         self.sim_ns = 0
 
     def run(self, count: int = 1) -> None:
