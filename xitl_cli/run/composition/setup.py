@@ -104,6 +104,13 @@ class VesselSetup:
         """Whether another autopilot steers it than the embedded one."""
         return self.profile.autopilot.kind not in ("none", "embedded")
 
+    def has_ais_line(self) -> bool:
+        """Whether the autopilot of a fleet's vessel has a line for AIS: an ArduPilot with a known address for it."""
+        autopilot = self.profile.autopilot
+        if not self.in_fleet() or autopilot.kind != "ardupilot":
+            return False
+        return autopilot.ais_link is not None or (autopilot.started_here and autopilot.firmware_build == "sitl")
+
     def is_driven_by_nodes(self) -> bool:
         """Whether nodes of ROS command a vessel without an autopilot."""
         return not self.has_autopilot() and self.profile.driver.kind == "ros"
