@@ -155,14 +155,15 @@ def run(
                 node.prepare()
         directory.create(out, overwrite, vessels)
         with directory.reserve(out), interruption.noticed():
-            directory.write_profile(out, resolved_yaml(profile))
+            resolved = resolved_yaml(profile)
+            directory.write_profile(out, resolved)
             recorders = open_recorders(out / directory.RECORDING, profiles, nodes.mirrors)
             pace: Pace
             if lead.clock.mode == "realtime":
                 pace = Realtime(plant.simulation.dt_s)
             else:
                 pace = OperatedLockstep(interruption, operation.pace) if operation.paced else Lockstep()
-            outcome = _execute(profile, profiles, scene, plant, nodes, pace, recorders, interruption)
+            outcome = _execute(profile.name, resolved, profiles, scene, plant, nodes, pace, recorders, interruption)
             outcome = replace(outcome, timed=timed)
     for name, node in nodes.named():
         node.save(out / name)
@@ -270,7 +271,8 @@ def open_recorders(
 
 
 def _execute(
-    profile: Profile,
+    profile_name: str,
+    profile_text: str,
     profiles: Sequence[RunProfile],
     scene: Callable[[], messages.SceneUpdate],
     plant: Plant,
@@ -279,7 +281,7 @@ def _execute(
     recorders: tuple[Recorder, Mapping[str, Recorder]],
     interrupted: Callable[[], bool],
 ) -> RunOutcome:
-    """Begin, run the loop, and end the nodes in every case."""
+    """Begin, run the loop, and end the nodes in every case. profile_text: all values of the profile, as YAML."""
     started = datetime.now(UTC).isoformat(timespec="seconds")
     recorder, of_vessels = recorders
     clock = SimulationClock(pace)
@@ -290,7 +292,7 @@ def _execute(
     begun_s = time.perf_counter()
     try:
         try:
-            _write_head(recorder, profile, profiles, scene, started)
+            _write_head(recorder, profile_name, profile_text, profiles, scene, started)
             for name, node in nodes.named():
                 with _of(name):
                     node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
@@ -353,18 +355,19 @@ def _summary(
 
 def _write_head(
     recorder: Recorder,
-    profile: Profile,
+    profile_name: str,
+    profile_text: str,
     profiles: Sequence[RunProfile],
     scene: Callable[[], messages.SceneUpdate],
     started: str,
 ) -> None:
     """Write the data that a reader needs first: profile, dialect of the raw frames, scene."""
     lead = profiles[0]
-    about = {"version": __version__, "profile": profile.name, "seed": str(lead.clock.seed), "started_utc": started}
+    about = {"version": __version__, "profile": profile_name, "seed": str(lead.clock.seed), "started_utc": started}
     if lead.vessel:
         about["vessels"] = ", ".join(of_vessel.vessel for of_vessel in profiles)
     recorder.metadata("xitl", about)
-    recorder.attach(directory.PROFILE, "application/yaml", resolved_yaml(profile).encode())
+    recorder.attach(directory.PROFILE, "application/yaml", profile_text.encode())
     for name in ("xitl.xml", "fleet.xml") if lead.vessel else ("xitl.xml",):
         recorder.attach(name, "application/xml", files("agent.wire").joinpath(name).read_bytes())
     if lead.recording.scene:
