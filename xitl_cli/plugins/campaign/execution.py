@@ -140,6 +140,11 @@ def prepare_for_runs() -> None:
     _servers.begin(_environment())
 
 
+def end_preparation() -> None:
+    """End the processes from which runs are forked, except those with a run."""
+    _servers.close()
+
+
 class RunProcess(Protocol):
     """The process of a run."""
 

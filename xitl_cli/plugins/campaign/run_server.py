@@ -29,6 +29,8 @@ from xitl_cli.plugins.campaign.warden import MARK
 
 _PACKET_BYTES = 1 << 20
 _READY_S = 60.0
+_ROOM = MARK.replace("RUN", "YET")
+"""Variable of the server, in whose place its forked processes write the mark of their runs."""
 _MARK_CHARACTERS = 120
 _PAD = "-"
 _MODULES = (
@@ -41,6 +43,7 @@ _MODULES = (
 )
 _OWN = ("agent.", "sim_core.", "xitl_cli.")
 _WARM_PROFILE = "sitl"
+_SET_NAME = 15  # PR_SET_NAME of <linux/prctl.h>: the name in the list of processes
 
 
 class RunServerError(Exception):
@@ -85,10 +88,11 @@ class RunServer:
     def __init__(self, servers: RunServers, environment: Mapping[str, str]) -> None:
         self._servers = servers
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        unmarked = {name: value for name, value in environment.items() if name != MARK}
         with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", __name__, str(theirs.fileno())],
-                env={**environment, MARK: _PAD * _MARK_CHARACTERS},
+                env={**unmarked, _ROOM: _PAD * _MARK_CHARACTERS},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -190,6 +194,11 @@ class RunServers:
                 self._idle, self._owner = [], os.getpid()
             self._idle.append(server)
 
+    def close(self) -> None:
+        """End the idle servers."""
+        while (server := self._pop()) is not None:
+            server.close()
+
     def _pop(self) -> RunServer | None:
         with self._lock:
             return self._idle.pop() if self._idle and self._owner == os.getpid() else None
@@ -273,12 +282,13 @@ def _threads() -> int:
 
 def _mark(mark: str) -> None:
     """Write a mark into the environment that the kernel shows of this process. `os.environ` does not change that."""
-    getenv = ctypes.CDLL(None).getenv
-    getenv.argtypes, getenv.restype = [ctypes.c_char_p], ctypes.c_void_p
-    address = getenv(MARK.encode())
-    text = mark.ljust(_MARK_CHARACTERS, _PAD).encode()
-    if address and len(text) == _MARK_CHARACTERS == len(ctypes.string_at(address)):
-        ctypes.memmove(address, text, len(text))
+    libc = ctypes.CDLL(None)
+    libc.getenv.argtypes, libc.getenv.restype = [ctypes.c_char_p], ctypes.c_void_p
+    address = libc.getenv(_ROOM.encode())
+    text = f"{MARK}={mark.ljust(_MARK_CHARACTERS, _PAD)}".encode()
+    if address and len(text) == len(f"{_ROOM}={_PAD * _MARK_CHARACTERS}"):
+        ctypes.memmove(address - len(_ROOM) - 1, text, len(text))
+    libc.prctl(_SET_NAME, b"xitl sim", 0, 0, 0)
 
 
 def _run(request: dict[str, Any]) -> None:
