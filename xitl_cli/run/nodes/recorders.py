@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agent.wire.codec import Packer
 from sim_core.environment.wind import Air
-from sim_core.fleet import Fleet
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.rangefinder import HullsAround, TideNow
 from sim_core.simulation import elevation_m
 from sim_core.vessel.battery import COULOMB_PER_AH
-from sim_core.world.traffic import scripted_motion
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
@@ -26,6 +24,10 @@ from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.scene import make_scripted_scene
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
+
+if TYPE_CHECKING:
+    from sim_core.fleet import Fleet
+    from sim_core.sensors.rangefinder import HullsAround, TideNow
 
 ENVIRONMENT_RATE_HZ = 10.0
 CLOCK_RATE_HZ = 10.0
@@ -181,6 +183,8 @@ class ScriptedRecorder(RunNode):
     def record(self, step: RunStep) -> None:
         if step.number % self._every:
             return
+        from sim_core.world.traffic import scripted_motion
+
         now_s = step.now_ns * 1e-9
         motion = scripted_motion(self._vessels, now_s, self._tide.height_m(now_s))
         for row, recorder in enumerate(self._recorders):
