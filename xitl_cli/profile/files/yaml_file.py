@@ -47,7 +47,7 @@ if yaml.__with_libyaml__:
     _quick_loader = _LibyamlLoader
 
 
-_SAME_IN_BOTH = re.compile(r"(?:[^\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\ufeff?!%|>]|[|>](?!#))*")
+_SAME_IN_BOTH = re.compile(r"(?:[^\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\ufeff?!%|>]|[|>](?!#)|(?<=[ \w])%)*")
 """Texts that both loaders read alike. They differ in tabs, other spaces and line ends, `?`, tags, directives, and
 comments directly after `|`."""
 
