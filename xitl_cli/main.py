@@ -14,7 +14,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.model.errors import LogError
 from xitl_cli.plugin import Command, keep_group
 
 if TYPE_CHECKING:
@@ -51,7 +50,7 @@ def main() -> NoReturn:
             _app(words)(prog_name="xitl")
         finally:
             sys.stdout.flush()
-    except (UserError, LogError) as error:
+    except _user_errors() as error:
         fail(str(error))
     except OSError as error:
         from xitl_cli.commands.output import GONE, discard_output
@@ -62,6 +61,12 @@ def main() -> NoReturn:
         if error.errno not in GONE:
             fail(f"the output cannot be written ({error.strerror}); free disk space or write the output elsewhere")
     sys.exit(0)
+
+
+def _user_errors() -> tuple[type[Exception], ...]:
+    """Return the exceptions that a user can correct, without an import: only an imported module raises its error."""
+    of_logs = sys.modules.get("xitl_cli.logs.model.errors")
+    return (UserError,) if of_logs is None else (UserError, of_logs.LogError)
 
 
 def fail(message: str) -> NoReturn:

@@ -276,7 +276,8 @@ def test_runs_of_one_worker_are_those_of_fresh_processes(tmp_path: Path) -> None
         words = [sys.executable, "-m", "xitl_cli.main", *row["command"].split()[1:], "--out", str(fresh), "--overwrite"]
         subprocess.run(words, env=environment(), capture_output=True, timeout=ENOUGH_S, check=False)
         of_worker = payloads(Path(row["directory"]) / "run.mcap")
-        assert of_worker and of_worker == payloads(fresh / "run.mcap")
+        assert of_worker
+        assert of_worker == payloads(fresh / "run.mcap")
 
 
 @contextmanager

@@ -31,7 +31,7 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
 
 def _dumper(base: Any) -> Any:
     """Return a dumper that writes short lists of numbers on one line, without aliases."""
-    dumper = type("Dumper", (base,), {"ignore_aliases": lambda self, data: True})
+    dumper: Any = type("Dumper", (base,), {"ignore_aliases": lambda self, data: True})
     dumper.add_representer(str, _text)
     dumper.add_representer(list, _sequence)
     dumper.add_representer(tuple, _sequence)

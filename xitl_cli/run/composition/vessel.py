@@ -37,7 +37,6 @@ from xitl_cli.run.traffic.self_report import report_from_motion
 from xitl_cli.run.world.world import local_frame
 
 if TYPE_CHECKING:  # nodes that few runs have; the functions that make them import them
-    from xitl_cli.plugin import NodeKind
     from xitl_cli.run.core.live_output import LiveOutput, LiveVessel
     from xitl_cli.run.nodes.ais import AisLine, AisRecorder
     from xitl_cli.run.nodes.bridge import BridgeNode
@@ -48,6 +47,7 @@ if TYPE_CHECKING:  # nodes that few runs have; the functions that make them impo
     from xitl_cli.run.nodes.river import CollisionNode
     from xitl_cli.run.nodes.ros_companion import EstimateRate, RosCompanionNode
     from xitl_cli.run.nodes.vessel_orders import VesselOrders
+    from xitl_cli.run_kinds import NodeKind
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -130,7 +130,7 @@ def autopilot(setup: VesselSetup, bridge: BridgeNode | None) -> AutopilotNode:
 def _driver(
     setup: VesselSetup, bridge: BridgeNode | None, commands: AutopilotCommands, agent: AgentConnection
 ) -> VehicleDriver:
-    from xitl_cli.plugin import DriverContext
+    from xitl_cli.run_kinds import DriverContext
 
     profile, frame, run = setup.profile, local_frame(setup.profile.site), setup.run
     addresses = run.stations.of(profile.vessel).told
@@ -400,7 +400,7 @@ def _plugin_parts(setup: VesselSetup) -> list[Part]:
 def _plugin_node(
     setup: VesselSetup, name: str, keys: Any, kind: NodeKind, *, control: ControlNode, **needed: Any
 ) -> PluginNode:
-    from xitl_cli.plugin import NodeContext
+    from xitl_cli.run_kinds import NodeContext
 
     parts = {type_: needed[type_.__name__] for type_ in kind.needs}
     rng = default_rng(setup.seeds.sequence(f"plugins.{name}"))

@@ -15,13 +15,13 @@ from agent.mavlink.modes import MISSION_MODE, shown_mode
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
-from xitl_cli.plugin import DriverContext, DriverKind
 from xitl_cli.profile.schema.agents import ScriptStep
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.autopilot_commands import REPEAT_S, AutopilotCommands
+from xitl_cli.run_kinds import DriverContext, DriverKind
 
 if TYPE_CHECKING:
     from xitl_cli.replay.motor_schedule import MotorSchedule
