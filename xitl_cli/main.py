@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import io
 import os
 import shutil
@@ -13,13 +14,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.model.errors import LogError
 from xitl_cli.plugin import Command, keep_group
 
 if TYPE_CHECKING:
     import typer
 
 FRAMED_HELP_WIDTH = 80
+_COLLECT_AFTER = 20_000
+"""Objects that are created between two garbage collections. With Python's 700, imports take a tenth longer, because the
+collector looks through all classes and functions again and again."""
 _AGENT_COMMANDS = (["package"], ["deploy"])
 
 
@@ -27,6 +30,7 @@ def main() -> NoReturn:
     """Entry point of the console script."""
     # Before numpy is loaded: the matrices are small, and a second thread costs more time than it saves.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(_COLLECT_AFTER)
     if sys.argv[1:2] == ["agent"] and sys.argv[2:3] not in _AGENT_COMMANDS:
         from agent.__main__ import main as agent_main  # without the command-line library, because boards are small
 
@@ -46,7 +50,7 @@ def main() -> NoReturn:
             _app(words)(prog_name="xitl")
         finally:
             sys.stdout.flush()
-    except (UserError, LogError) as error:
+    except _user_errors() as error:
         fail(str(error))
     except OSError as error:
         from xitl_cli.commands.output import GONE, discard_output
@@ -57,6 +61,12 @@ def main() -> NoReturn:
         if error.errno not in GONE:
             fail(f"the output cannot be written ({error.strerror}); free disk space or write the output elsewhere")
     sys.exit(0)
+
+
+def _user_errors() -> tuple[type[Exception], ...]:
+    """Return the exceptions that a user can correct, without an import: only an imported module raises its error."""
+    of_logs = sys.modules.get("xitl_cli.logs.model.errors")
+    return (UserError,) if of_logs is None else (UserError, of_logs.LogError)
 
 
 def fail(message: str) -> NoReturn:
@@ -76,12 +86,16 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     import typer.core
 
     from xitl_cli.commands.options import usual_spelling
+    from xitl_cli.commands.plain_values import converting_plainly
 
     # The frames of rich cut off option names in a narrow terminal. Plain help wraps the text instead.
     markup: Literal["rich"] | None = "rich" if shutil.get_terminal_size().columns >= FRAMED_HELP_WIDTH else None
 
     class WrappedGroup(typer.core.TyperGroup):
         """Plain help with the whole first sentence of each command."""
+
+        def get_params(self, ctx: Any) -> list[Any]:
+            return converting_plainly(super().get_params(ctx))
 
         def format_commands(self, ctx: Any, formatter: Any) -> None:
             rows = [
@@ -166,11 +180,13 @@ def _refuse_missing(name: str) -> None:
 
 def _add(app: typer.Typer, name: str) -> None:
     """Import the module of a core command and add its function, or the functions of a group."""
+    from xitl_cli.commands.plain_values import PlainCommand
+
     module = import_module(f"xitl_cli.commands.{name}")
     if name == "world":
         keep_group(app)
     for command, function in _SUBCOMMANDS.get(name, {name: name}).items():
-        app.command(command, cls=module.SimCommand if name == "sim" else None)(getattr(module, function))
+        app.command(command, cls=module.SimCommand if name == "sim" else PlainCommand)(getattr(module, function))
 
 
 CORE_COMMANDS: Mapping[str, Command] = {

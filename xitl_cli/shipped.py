@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from xitl_cli.errors import UserError
@@ -23,7 +24,12 @@ def firmware_params_dir() -> Path:
 
 
 def _shipped(folder: str) -> Path:
-    package = Path(__file__).resolve().parent
+    return _beside(__file__, folder)
+
+
+@cache
+def _beside(file: str, folder: str) -> Path:
+    package = Path(file).resolve().parent
     for candidate in (package / "shipped" / folder, package.parent / folder):
         if candidate.is_dir():
             return candidate

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import environment
+from conftest import environment, payloads
 
 from tests.golden import Golden
 from tests.patience import wait_until
@@ -178,9 +178,7 @@ def test_workers_and_runs_that_are_killed_change_nothing(undisturbed: list[dict[
         first = wait_for(lambda: workers_of(client.pid))[0]
         os.kill(first, signal.SIGKILL)
         wait_for(lambda: len(set(workers_of(client.pid)) - {first}) == 2)  # replaced
-        wait_for(
-            lambda: any(killed(run) for worker in workers_of(client.pid) for run in below(worker, "xitl_cli.main sim"))
-        )
+        wait_for(lambda: any(killed(run) for run in runs_in(tmp_path)))
         out, errors = client.communicate(timeout=ENOUGH_S)
         assert client.returncode == 0, out + errors
     assert compared("out") == undisturbed
@@ -260,6 +258,26 @@ def test_what_misbehaves_is_told_as_what_it_is(tmp_path: Path) -> None:
     assert (Path(rows["good.py:Good"]["directory"]) / "run.mcap").exists()
     assert "xitl sim sail.yaml --set autopilot.controller=" in told
     assert runs_in(tmp_path) == []
+
+
+def test_runs_of_one_worker_are_those_of_fresh_processes(tmp_path: Path) -> None:
+    """Different profiles and seeds after one another, some of them again: nothing remains from one run to the next."""
+    plan = (
+        "base: sitl\naxes: {extends.profile: [sitl, fleet-crossing, mitl], clock.duration_s: [0.4]}\n"
+        "seeds: 1-2\nrecordings: all\n"
+    )
+    Path("plan.yaml").write_text(plan, encoding="utf-8")
+    campaign("plan.yaml", "--workers", "1", "--out", "out", code=1)
+    rows = ResultTable.read(Path("out")).rows
+    assert len(rows) == 6
+    for row in rows:
+        assert row["status"] in ("completed", "incomplete"), row
+        fresh = tmp_path / "fresh"
+        words = [sys.executable, "-m", "xitl_cli.main", *row["command"].split()[1:], "--out", str(fresh), "--overwrite"]
+        subprocess.run(words, env=environment(), capture_output=True, timeout=ENOUGH_S, check=False)
+        of_worker = payloads(Path(row["directory"]) / "run.mcap")
+        assert of_worker
+        assert of_worker == payloads(fresh / "run.mcap")
 
 
 @contextmanager

@@ -40,6 +40,51 @@ def test_nothing_heavy_is_loaded_beforehand(loading: str, allowed: set[str]) -> 
     assert set(told.stdout.split()) <= allowed
 
 
+OWN = ("agent", "sim_core", "xitl_cli")
+NOT_IN_SITL = (
+    "agent.companion.settings",
+    "agent.wire.socket_pair",
+    "pydantic",
+    "sim_core.sensors.lidar",
+    "sim_core.sensors.rangefinder",
+    "sim_core.sensors.sonar",
+    "xitl_cli.logs.formats.dataflash",
+    "xitl_cli.logs.signals.motion",
+    "xitl_cli.mapping",
+    "xitl_cli.profile.missions.map_files",
+    "xitl_cli.replay.motor_schedule",
+    "xitl_cli.run.links.loopback",
+    "xitl_cli.run.nodes.bridge",
+    "xitl_cli.run.nodes.findings",
+    "xitl_cli.run.nodes.operator",
+    "xitl_cli.run.nodes.river",
+    "xitl_cli.run.operator.actions",
+)
+"""Modules of other profiles than sitl, and pydantic, with which typer converts unusual values."""
+
+
+def modules_of(arguments: tuple[str, ...], folder: Path) -> list[str]:
+    """Return the names of all modules that a command imports."""
+    program = (
+        f"import sys\nsys.argv = ['xitl', *{arguments!r}]\nfrom xitl_cli.main import main\n"
+        "try: main()\nfinally: print(*sys.modules, file=sys.stderr)"
+    )
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, check=False)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stderr.split()
+
+
+@pytest.mark.parametrize(("arguments", "most"), [(("--help",), 30), (("sim", "sitl", "--duration", "0.1"), 290)])
+def test_commands_import_few_modules_of_xitl(tmp_path: Path, arguments: tuple[str, ...], most: int) -> None:
+    own = [name for name in modules_of(arguments, tmp_path) if name.split(".")[0] in OWN]
+    assert len(own) <= most
+
+
+def test_a_run_imports_no_module_of_other_profiles(tmp_path: Path) -> None:
+    words = ("sim", "sitl", "--duration", "0.1", "--seed", "3", "--set", "clock.seed=2", "--out", "run", "--overwrite")
+    assert set(NOT_IN_SITL).isdisjoint(modules_of(words, tmp_path))
+
+
 @pytest.mark.parametrize("arguments", [("campaign", "controllers", "--dry-run"), ("--help",), ("profiles", "list")])
 def test_commands_of_a_base_install_run_without_packages_of_extras(arguments: tuple[str, ...]) -> None:
     program = (

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from xitl_cli.commands.options import DEFAULT_PROFILE, Json, Overwrite, Set, complete_profile
 from xitl_cli.commands.output import still_read
+from xitl_cli.commands.plain_values import PlainCommand
 from xitl_cli.commands.terminal import terminal
 from xitl_cli.errors import UserError
 
@@ -207,7 +207,7 @@ def sim(
     raise typer.Exit(result.exit_code)
 
 
-class SimCommand(TyperCommand):
+class SimCommand(PlainCommand):
     """A command in which `--ros` may have no value: the next word is its value only if it names a ROS."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

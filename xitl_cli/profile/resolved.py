@@ -19,13 +19,6 @@ if TYPE_CHECKING:
     from xitl_cli.profile.load import LoadedProfile
 
 
-class _Dumper(yaml.SafeDumper):
-    """Writes short lists of numbers on one line, without aliases."""
-
-    def ignore_aliases(self, data: object) -> bool:
-        return True
-
-
 def _sequence(dumper: yaml.SafeDumper, items: tuple[object, ...] | list[object]) -> yaml.Node:
     flow = all(isinstance(item, (int, float, str)) for item in items)
     return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flow)
@@ -36,9 +29,28 @@ def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=quotes)
 
 
-_Dumper.add_representer(str, _text)
-_Dumper.add_representer(list, _sequence)
-_Dumper.add_representer(tuple, _sequence)
+def _dumper(base: Any) -> Any:
+    """Return a dumper that writes short lists of numbers on one line, without aliases."""
+    dumper: Any = type("Dumper", (base,), {"ignore_aliases": lambda self, data: True})
+    dumper.add_representer(str, _text)
+    dumper.add_representer(list, _sequence)
+    dumper.add_representer(tuple, _sequence)
+    return dumper
+
+
+_DUMPER = _dumper(yaml.SafeDumper)
+_QUICK_DUMPER = _dumper(yaml.CSafeDumper) if yaml.__with_libyaml__ else None
+_LONGEST_LINE = 120
+
+
+def _dumped(groups: dict[str, Any]) -> str:
+    """Return the text of groups. The quick dumper differs only in escaped characters and in long keys."""
+    style: dict[str, Any] = {"sort_keys": False, "allow_unicode": True, "width": 100}
+    if _QUICK_DUMPER is not None:
+        text = str(yaml.dump(groups, Dumper=_QUICK_DUMPER, **style))
+        if "\\" not in text and max(map(len, text.splitlines())) <= _LONGEST_LINE:
+            return text
+    return str(yaml.dump(groups, Dumper=_DUMPER, **style))
 
 
 def resolved_yaml(profile: Profile) -> str:
@@ -49,7 +61,7 @@ def resolved_yaml(profile: Profile) -> str:
     groups = _groups(profile)
     if profile.vessels is not None:
         groups["vessels"] = {name: _own(vessel, groups) for name, vessel in profile.vessels.items()}
-    return yaml.dump(groups, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+    return _dumped(groups)
 
 
 def _groups(profile: Profile) -> dict[str, Any]:

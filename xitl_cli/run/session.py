@@ -163,7 +163,7 @@ def run(
                 pace = Realtime(plant.simulation.dt_s)
             else:
                 pace = OperatedLockstep(interruption, operation.pace) if operation.paced else Lockstep()
-            outcome = _execute(profile, resolved, profiles, scene, plant, nodes, pace, recorders, interruption)
+            outcome = _execute(profile.name, resolved, profiles, scene, plant, nodes, pace, recorders, interruption)
             outcome = replace(outcome, timed=timed)
     for name, node in nodes.named():
         node.save(out / name)
@@ -271,8 +271,8 @@ def open_recorders(
 
 
 def _execute(
-    profile: Profile,
-    resolved: str,
+    profile_name: str,
+    profile_text: str,
     profiles: Sequence[RunProfile],
     scene: Callable[[], messages.SceneUpdate],
     plant: Plant,
@@ -281,7 +281,7 @@ def _execute(
     recorders: tuple[Recorder, Mapping[str, Recorder]],
     interrupted: Callable[[], bool],
 ) -> RunOutcome:
-    """Begin, run the loop, and end the nodes in every case."""
+    """Begin, run the loop, and end the nodes in every case. profile_text: all values of the profile, as YAML."""
     started = datetime.now(UTC).isoformat(timespec="seconds")
     recorder, of_vessels = recorders
     clock = SimulationClock(pace)
@@ -292,7 +292,7 @@ def _execute(
     begun_s = time.perf_counter()
     try:
         try:
-            _write_head(recorder, profile, resolved, profiles, scene, started)
+            _write_head(recorder, profile_name, profile_text, profiles, scene, started)
             with pace.running():  # from before the agents start: its preparation takes some time
                 for name, node in nodes.named():
                     with _of(name):
@@ -357,19 +357,19 @@ def _summary(
 
 def _write_head(
     recorder: Recorder,
-    profile: Profile,
-    resolved: str,
+    profile_name: str,
+    profile_text: str,
     profiles: Sequence[RunProfile],
     scene: Callable[[], messages.SceneUpdate],
     started: str,
 ) -> None:
     """Write the data that a reader needs first: profile, dialect of the raw frames, scene."""
     lead = profiles[0]
-    about = {"version": __version__, "profile": profile.name, "seed": str(lead.clock.seed), "started_utc": started}
+    about = {"version": __version__, "profile": profile_name, "seed": str(lead.clock.seed), "started_utc": started}
     if lead.vessel:
         about["vessels"] = ", ".join(of_vessel.vessel for of_vessel in profiles)
     recorder.metadata("xitl", about)
-    recorder.attach(directory.PROFILE, "application/yaml", resolved.encode())
+    recorder.attach(directory.PROFILE, "application/yaml", profile_text.encode())
     for name in ("xitl.xml", "fleet.xml") if lead.vessel else ("xitl.xml",):
         recorder.attach(name, "application/xml", files("agent.wire").joinpath(name).read_bytes())
     if lead.recording.scene:

@@ -79,8 +79,8 @@ def test_a_node_and_its_parts_are_closed() -> None:
 
 
 def test_the_edges_of_the_graph_are_those_of_the_parts_that_were_made() -> None:
-    buoy = Part("buoy", Boat, provides=(Chart,), edges=(("PS1", "M"),))
-    absent = Part("absent", Boat, provides=(Radar,), when=lambda setup: False, edges=(("D", "M"),))
+    buoy = Part("buoy", Boat, provides=("Chart",), edges=(("PS1", "M"),))
+    absent = Part("absent", Boat, provides=("Radar",), when=lambda setup: False, edges=(("D", "M"),))
     nothing = Part("nothing", lambda: None, edges=(("D", "PS1"),))
     assert made(boat, buoy, absent, nothing).edges == (("PS1", "M"),)
 
@@ -140,5 +140,5 @@ def radar_without_boat(missing: Missing) -> Radar:
 
 def test_every_need_of_the_shipped_declarations_has_a_provider_among_them() -> None:
     for declared, given in ((VESSEL_PARTS, {"VesselSetup"}), (WORLD_PARTS, {"RunSetup", "Vessels"})):
-        provided = given | {kind.__name__ for one in declared for kind in one.provides}
-        assert {need.kind.__name__ for one in declared for need in one.needs} <= provided
+        provided = given | {kind for one in declared for kind in one.provides}
+        assert {need.kind for one in declared for need in one.needs} <= provided

@@ -30,7 +30,7 @@ from typing import Any
 from agent import __version__
 from xitl_cli.errors import UserError
 from xitl_cli.extras import CAMPAIGN
-from xitl_cli.plugins.campaign.execution import Row, RunTask, run_point, stop_runs
+from xitl_cli.plugins.campaign.execution import Row, RunTask, prepare_for_runs, run_point, stop_runs
 
 LOOPBACK = "127.0.0.1"
 CONNECT_S = 10.0
@@ -434,4 +434,5 @@ def _end_with_parent() -> None:
 if __name__ == "__main__":
     certificate, key = json.loads(os.fdopen(0, "rb", buffering=0, closefd=False).readline())
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    prepare_for_runs()
     asyncio.run(_work(sys.argv[1], sys.argv[2], certificate, key))

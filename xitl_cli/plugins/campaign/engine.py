@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 from xitl_cli.plugins.campaign.axes import RunPoint
 from xitl_cli.plugins.campaign.cluster import TlsFiles, local_workers, workers_at
-from xitl_cli.plugins.campaign.execution import FAILED, KILLED, RAN, RETRIED, Row, RunTask, run_point
+from xitl_cli.plugins.campaign.execution import FAILED, KILLED, RAN, RETRIED, Row, RunTask, end_preparation, run_point
 from xitl_cli.plugins.campaign.expression import ExpressionError
 from xitl_cli.plugins.campaign.figures import absent_figure, null_group
 from xitl_cli.plugins.campaign.plan import CampaignPlan
@@ -322,6 +322,7 @@ def carry_out(
     run_folders = None if plan.spec.recordings == "none" else folder.path
     if not folder.done:
         try_first_run(plan)
+        end_preparation()  # further runs are those of workers
     try:
         with workers_at(on, name, run_folders, tls) if on is not None else local_workers(workers, name) as dask_workers:
             watch.began(dask_workers.threads, on, dask_workers.dashboard)

@@ -1,4 +1,4 @@
-"""One run as one subprocess within limits, and its result as a plain row. A Dask worker calls `run_point`.
+"""One run as one process within limits, and its result as a plain row. A Dask worker calls `run_point`.
 
 All processes that a run starts end with it, in any session: all carry a mark in their environment. A warden process for
 each worker process ends the runs of a killed worker.
@@ -18,13 +18,14 @@ import tempfile
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, TypeAlias
+from typing import IO, Any, BinaryIO, Protocol, TypeAlias
 
 from xitl_cli.plugins.campaign import warden
 from xitl_cli.plugins.campaign.figures import figures
+from xitl_cli.plugins.campaign.run_server import RunServers
 from xitl_cli.plugins.campaign.warden import MARK, TEMPORARY, end_marked
 
 Row: TypeAlias = dict[str, Any]
@@ -107,57 +108,102 @@ def _run_process(task: RunTask, folder: Path) -> tuple[int, str | None]:
     """
     source = folder / BASE_FILE
     source.write_text(task.profile, encoding="utf-8")
-    command = [sys.executable, "-m", "xitl_cli.main", "sim", str(source), *task.arguments]
-    command += ["--out", str(folder), "--overwrite"]
+    arguments = ["sim", str(source), *task.arguments, "--out", str(folder), "--overwrite"]
     mark = f"{task.campaign}-{uuid.uuid4().hex}"
-    environment = {**os.environ, **dict.fromkeys(_THREADS, "1"), MARK: mark}
     limit = None
     with (folder / ERRORS).open("wb") as errors, _watched_over(mark, str(folder)):
-        process = subprocess.Popen(
-            command,
+        process = _started(arguments, {**_environment(), MARK: mark}, errors)
+        until_s = time.monotonic() + task.time_s
+        try:
+            while limit is None and not process.ends_within(min(_POLL_S, max(until_s - time.monotonic(), 0.0))):
+                if time.monotonic() >= until_s:
+                    limit = TIMEOUT
+                elif task.memory_mb is not None and memory_of_tree_mb(process.pid) > task.memory_mb:
+                    limit = MEMORY
+        finally:
+            end_marked(mark)
+            code = process.wait()
+            process.release()
+    source.unlink(missing_ok=True)
+    return code, limit
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, **dict.fromkeys(_THREADS, "1")}
+
+
+_servers = RunServers()
+
+
+def prepare_for_runs() -> None:
+    """Import the modules of a run in a process from which runs are forked, if possible, while the caller continues."""
+    _servers.begin(_environment())
+
+
+def end_preparation() -> None:
+    """End the processes from which runs are forked, except those with a run."""
+    _servers.close()
+
+
+class RunProcess(Protocol):
+    """The process of a run."""
+
+    @property
+    def pid(self) -> int:
+        """Its number."""
+
+    def ends_within(self, wait_s: float) -> bool:
+        """Return True if the process ends within a number of seconds. It returns at once at the end."""
+
+    def wait(self) -> int:
+        """Wait for the end of the process. Return its exit code, negative for a signal."""
+
+    def release(self) -> None:
+        """Free the resources of an ended process."""
+
+
+def _started(arguments: Sequence[str], environment: Mapping[str, str], errors: BinaryIO) -> RunProcess:
+    """Start `xitl` with these arguments: forked from a prepared process, or as a fresh one where that is impossible."""
+    return _servers.start(arguments, environment, errors) or FreshRun(arguments, environment, errors)
+
+
+class FreshRun:
+    """A run in a fresh process."""
+
+    def __init__(self, arguments: Sequence[str], environment: Mapping[str, str], errors: BinaryIO) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "xitl_cli.main", *arguments],
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=errors,
             start_new_session=True,
         )
-        until_s = time.monotonic() + task.time_s
-        try:
-            with _exit_notice(process) as ends_within:
-                while limit is None and not ends_within(min(_POLL_S, max(until_s - time.monotonic(), 0.0))):
-                    if time.monotonic() >= until_s:
-                        limit = TIMEOUT
-                    elif task.memory_mb is not None and memory_of_tree_mb(process.pid) > task.memory_mb:
-                        limit = MEMORY
-        finally:
-            end_marked(mark)
-            process.wait()
-    source.unlink(missing_ok=True)
-    return process.returncode, limit
+        self.pid = self._process.pid
+        self._handle: int | None = None
+        with contextlib.suppress(AttributeError, OSError):
+            self._handle = os.pidfd_open(self.pid)
+        self._watcher = select.poll()
+        if self._handle is not None:
+            self._watcher.register(self._handle, select.POLLIN)
 
+    def ends_within(self, wait_s: float) -> bool:
+        """See `RunProcess`. Without support of the kernel, it returns a little after the end."""
+        if self._handle is not None:
+            return bool(self._watcher.poll(wait_s * 1e3))
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(wait_s)
+        return self._process.poll() is not None
 
-@contextlib.contextmanager
-def _exit_notice(process: subprocess.Popen[bytes]) -> Iterator[Callable[[float], bool]]:
-    """Yield a function that returns True if the process ends within a number of seconds. It returns at once at the end,
-    if the kernel supports this.
-    """
-    try:
-        handle = os.pidfd_open(process.pid)
-    except (AttributeError, OSError):
+    def wait(self) -> int:
+        """See `RunProcess`."""
+        return self._process.wait()
 
-        def poll(seconds: float) -> bool:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(seconds)
-            return process.poll() is not None
-
-        yield poll
-        return
-    watcher = select.poll()
-    watcher.register(handle, select.POLLIN)
-    try:
-        yield lambda seconds: bool(watcher.poll(seconds * 1e3))
-    finally:
-        os.close(handle)
+    def release(self) -> None:
+        """See `RunProcess`."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
 
 
 def memory_of_tree_mb(pid: int) -> float:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 from agent.bridges.kinds import NEEDED_LINK, NO_LINK, BridgeError, bridge_kind
-from agent.companion.settings import checked_parameter
 from agent.fcu.mission import COMMANDS, MOST_ITEMS
 from agent.fcu.parameters import checked
 from agent.mavlink.modes import PX4_MODES
@@ -449,6 +448,10 @@ def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             "companion.parameters.AVD_ENABLE=0, and it only maps and tracks them",
         )
     yield from _companion_link(profile, companion)
+    if not companion.parameters:
+        return
+    from agent.companion.settings import checked_parameter
+
     for name, value in companion.parameters.items():
         try:
             checked_parameter(name, value)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import gc
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from xitl_cli.profile.files.entry import Entry, Origin, Scalar, profile_error, s
 
 MAX_BYTES = 16 << 20
 MAX_VALUES = 100_000  # limit for an alias bomb, unless the text itself has as many values
-LONG_TEXT = 1 << 16  # from this length on the fast loader is used, with its less precise errors
+LONG_TEXT = 1 << 16  # from this length on, errors are those of the fast loader, which are less precise
 MAX_DEPTH = 60
 
 _NULL = re.compile(r"~|null|Null|NULL|")
@@ -45,6 +45,11 @@ if yaml.__with_libyaml__:
         yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 - PyYAML's own class attribute
 
     _quick_loader = _LibyamlLoader
+
+
+_SAME_IN_BOTH = re.compile(r"(?:[^\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\ufeff?!%|>]|[|>](?!#)|(?<=[ \w])%)*")
+"""Texts that both loaders read alike. They differ in tabs, other spaces and line ends, `?`, tags, directives, and
+comments directly after `|`."""
 
 
 class _RefusedError(Exception):
@@ -89,12 +94,11 @@ def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | No
     def origin(line: int) -> Origin:
         return Origin(source, None if first_line is None else first_line + line)
 
-    loader = None
     try:
-        loader = (_Loader if len(text) < LONG_TEXT else _quick_loader)(text)
-        with _no_collection():
-            node = loader.get_single_node()
-            return None if node is None else _Reader(origin, len(text)).entry(node, node.start_mark.line)
+        if len(text) < LONG_TEXT and _SAME_IN_BOTH.fullmatch(text):
+            with suppress(yaml.YAMLError, RecursionError, _RefusedError):  # the other loader has the precise error
+                return _entry(_quick_loader, text, origin)
+        return _entry(_Loader if len(text) < LONG_TEXT else _quick_loader, text, origin)
     except _RefusedError as error:
         raise profile_error(origin(error.line), error.sentence) from None
     except yaml.MarkedYAMLError as error:
@@ -109,9 +113,16 @@ def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | No
         raise profile_error(origin(line), sentence) from None
     except RecursionError:
         raise profile_error(origin(0), "is nested too deeply; flatten it") from None
+
+
+def _entry(make_loader: Callable[[str], Any], text: str, origin: Callable[[int], Origin]) -> Entry | None:
+    loader = make_loader(text)
+    try:
+        with _no_collection():
+            node = loader.get_single_node()
+            return None if node is None else _Reader(origin, len(text)).entry(node, node.start_mark.line)
     finally:
-        if loader is not None:
-            loader.dispose()
+        loader.dispose()
 
 
 @contextmanager

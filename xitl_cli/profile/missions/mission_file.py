@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from agent.files import read_text
 from xitl_cli.profile.files.catalogue import shown_path
 from xitl_cli.profile.files.entry import Entry, Origin, Scalar, profile_error, shown
-from xitl_cli.profile.missions.course import Course, FileItem, MissionFileError
-from xitl_cli.profile.missions.ground_station_files import read_plan, read_waypoints
-from xitl_cli.profile.missions.map_files import read_geojson, read_gpx, read_kml
 
-READERS: Mapping[str, Callable[[str], Course]] = {
-    ".plan": read_plan,
-    ".waypoints": read_waypoints,
-    ".txt": read_waypoints,
-    ".geojson": read_geojson,
-    ".json": read_geojson,
-    ".kml": read_kml,
-    ".gpx": read_gpx,
+if TYPE_CHECKING:
+    from xitl_cli.profile.missions.course import Course, FileItem
+
+READERS: Mapping[str, str] = {
+    ".plan": "ground_station_files:read_plan",
+    ".waypoints": "ground_station_files:read_waypoints",
+    ".txt": "ground_station_files:read_waypoints",
+    ".geojson": "map_files:read_geojson",
+    ".json": "map_files:read_geojson",
+    ".kml": "map_files:read_kml",
+    ".gpx": "map_files:read_gpx",
 }
+"""Modules of this folder with their functions, which are imported for a profile that names such a file."""
 
 
 def with_mission_files(entry: Entry) -> Entry:
@@ -63,13 +66,17 @@ def _read(mission: Entry, file: Entry) -> Entry:
 
 
 def _course(file: Entry) -> Course:
+    from xitl_cli.profile.missions.course import MissionFileError
+
     if not isinstance(file.value, str):
         raise profile_error(file.origin, f"mission.file = {shown(file.plain())} is not text; write the path of a file")
     path = Path(file.value)
-    read = READERS.get(path.suffix.lower())
-    if read is None:
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
         sentence = f"mission.file = {shown(file.value)} has an unknown format; use one of {', '.join(READERS)}"
         raise profile_error(file.origin, sentence)
+    module, _, function = reader.partition(":")
+    read: Callable[[str], Course] = getattr(import_module(f"xitl_cli.profile.missions.{module}"), function)
     try:
         return read(read_text(path).removeprefix("\ufeff"))
     except OSError as error:

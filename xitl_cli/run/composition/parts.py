@@ -7,18 +7,18 @@ provides to others:
     def links(setup: VesselSetup, autopilot: AutopilotNode, companion: CompanionNode | None) -> LinkRecorder: ...
 
 `CompanionNode | None` is an optional need. A function that returns None adds no node to this run.
+
+Classes are matched by their names, so that a declaration of a node that a run does not have imports nothing.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import IntEnum, auto
-from functools import cache
-from types import UnionType
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar
 
 from xitl_cli.errors import UserError
 from xitl_cli.graph.measured import Edge
@@ -77,7 +77,8 @@ class Need:
     """An argument of a declaration."""
 
     argument: str
-    kind: type
+    kind: str
+    """Name of the class."""
     optional: bool = False
     """None is passed when no node of this run provides it."""
 
@@ -89,7 +90,8 @@ class Part:
     name: str
     make: Callable[..., Any]
     needs: tuple[Need, ...] = ()
-    provides: tuple[type, ...] = ()
+    provides: tuple[str, ...] = ()
+    """Names of classes."""
     place: Place | None = None
     """Place in the step; None for an object that is not a node."""
     when: Callable[[Any], bool] = lambda setup: True
@@ -104,11 +106,11 @@ class Part:
 def part(
     place: Place | None = None,
     when: Callable[[Any], bool] = lambda setup: True,
-    provides: tuple[type, ...] = (),
+    provides: tuple[str, ...] = (),
     also_at: Mapping[Place, str] | None = None,
     edges: tuple[Edge, ...] = (),
 ) -> Callable[[Callable[..., Any]], Part]:
-    """Declare the decorated function as a part. provides: interfaces that it provides besides its return type."""
+    """Declare the decorated function as a part. provides: names of its other interfaces."""
 
     def declare(make: Callable[..., Any]) -> Part:
         needs, returned = _signature(make)
@@ -122,14 +124,14 @@ def part(
 class Parts:
     """Everything that was made for a vessel, or for the world, by type."""
 
-    _made: Mapping[type, Any]
+    _made: Mapping[str, Any]
     _placed: Sequence[tuple[Place, RunNode]]
     edges: tuple[Edge, ...] = ()
     """Links of the run's graph that the parts declare."""
 
     def get(self, kind: type[T]) -> T | None:
         """Return the object of this type, None when there is none."""
-        return self._made.get(kind)
+        return self._made.get(kind.__name__)
 
     def need(self, kind: type[T]) -> T:
         """Return the object of this type. Raises CompositionError when there is none."""
@@ -153,14 +155,14 @@ def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: objec
     for two providers of a type, a missing need and needs in a circle, and UserError for what a node refuses.
     """
     wanted = [declaration for declaration in declared if declaration.when(setup)]
-    providers: dict[type, Part] = {}
+    made: dict[str, Any] = {kind.__name__: instance for kind, instance in given.items()}
+    providers: dict[str, Part] = {}
     for declaration in wanted:
         for kind in declaration.provides:
-            if kind in given or kind in providers:
+            if kind in made or kind in providers:
                 other = providers[kind].name if kind in providers else "the run itself"
-                raise CompositionError(f"{declaration.name} and {other} both provide {kind.__name__}; leave one out")
+                raise CompositionError(f"{declaration.name} and {other} both provide {kind}; leave one out")
             providers[kind] = declaration
-    made: dict[type, Any] = dict(given)
     placed: list[tuple[Place, RunNode]] = []
     edges: list[Edge] = []
     begun: list[Part] = []
@@ -179,9 +181,7 @@ def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: objec
                 make(providers[need.kind])
             argument = made.get(need.kind)
             if argument is None and not need.optional:
-                raise CompositionError(
-                    f"{declaration.name} needs {need.kind.__name__}, which no node of this run provides"
-                )
+                raise CompositionError(f"{declaration.name} needs {need.kind}, which no node of this run provides")
             arguments[need.argument] = argument
         node = declaration.make(**arguments)
         begun.remove(declaration)
@@ -202,18 +202,16 @@ def made_parts(declared: Sequence[Part], given: Mapping[type, Any], setup: objec
     return Parts(made, placed, tuple(edges))
 
 
-@cache
-def _signature(make: Callable[..., Any]) -> tuple[tuple[Need, ...], tuple[type, ...]]:
-    """Return the needs of a function, and the types that it provides, by its annotations."""
-    hints = get_type_hints(make)
-    returned = tuple(_types_of(hints.pop("return")))
+def _signature(make: Callable[..., Any]) -> tuple[tuple[Need, ...], tuple[str, ...]]:
+    """Return the needs of a function, and the names of the classes that it provides, by the text of its annotations."""
+    returned = tuple(_class_names(make.__annotations__["return"]))
     needs = []
     for name in inspect.signature(make).parameters:
-        kinds = list(_types_of(hints[name]))
-        needs.append(Need(name, kinds[0], optional=isinstance(hints[name], UnionType)))
+        annotation = make.__annotations__[name]
+        needs.append(Need(name, _class_names(annotation)[0], optional=annotation.endswith("| None")))
     return tuple(needs), returned
 
 
-def _types_of(hint: Any) -> Iterator[type]:
-    """Yield the types of a union, without None."""
-    yield from (kind for kind in (get_args(hint) if isinstance(hint, UnionType) else (hint,)) if kind is not type(None))
+def _class_names(annotation: str) -> list[str]:
+    """Return the names in the text of a union, without None."""
+    return [name for name in annotation.split(" | ") if name != "None"]

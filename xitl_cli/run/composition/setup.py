@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sim_core.environment.tide import NO_TIDE
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.core.live_output import LiveOutput
 from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.nodes.display import StatusDisplay
 from xitl_cli.run.nodes.stations import StationAddresses
@@ -19,6 +19,9 @@ from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.world import has_waterway
 from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
+
+if TYPE_CHECKING:
+    from xitl_cli.run.core.live_output import LiveOutput
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +106,13 @@ class VesselSetup:
     def has_bridge(self) -> bool:
         """Whether another autopilot steers it than the embedded one."""
         return self.profile.autopilot.kind not in ("none", "embedded")
+
+    def has_ais_line(self) -> bool:
+        """Whether the autopilot of a fleet's vessel has a line for AIS: an ArduPilot with a known address for it."""
+        autopilot = self.profile.autopilot
+        if not self.in_fleet() or autopilot.kind != "ardupilot":
+            return False
+        return autopilot.ais_link is not None or (autopilot.started_here and autopilot.firmware_build == "sitl")
 
     def is_driven_by_nodes(self) -> bool:
         """Whether nodes of ROS command a vessel without an autopilot."""

@@ -7,13 +7,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.random import default_rng
 
 from xitl_cli.errors import UserError
 from xitl_cli.graph.measured import Edge
-from xitl_cli.plugin import DriverContext, NodeContext, NodeKind
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.graph import architecture, is_node_name
 from xitl_cli.record.recorder import check_added_topic
@@ -21,36 +20,34 @@ from xitl_cli.record.topics import Topic
 from xitl_cli.registry import NODES, load, names, package_of
 from xitl_cli.run.composition.parts import Need, Part, Parts, Place, made_parts, part
 from xitl_cli.run.composition.setup import VesselSetup
-from xitl_cli.run.core.faults import FaultSchedule
-from xitl_cli.run.core.live_output import LiveOutput, LiveVessel
 from xitl_cli.run.core.node import ControlNode
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
-from xitl_cli.run.nodes.ais import AisLine, AisRecorder, hears_sentences, receiver_of
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_events import AutopilotEventNode
-from xitl_cli.run.nodes.bridge import BridgeNode
 from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
-from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.display import StatusSource
 from xitl_cli.run.nodes.drivers import VehicleDriver
-from xitl_cli.run.nodes.fault_injection import FaultInjection
-from xitl_cli.run.nodes.findings import FindingsNode, findings_from_profile
 from xitl_cli.run.nodes.mission import MissionNode, TrackNode
 from xitl_cli.run.nodes.model_range import ModelRange
-from xitl_cli.run.nodes.operated_control import OperatedControl
-from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.plugin_nodes import PluginNode, driver_of
 from xitl_cli.run.nodes.recorders import LinkRecorder, SensorRecorder, TruthRecorder
-from xitl_cli.run.nodes.river import CollisionNode
-from xitl_cli.run.nodes.ros_companion import EstimateRate, RosCompanionNode
-from xitl_cli.run.nodes.vessel_orders import VesselOrders
-from xitl_cli.run.operator.steering import Steering
-from xitl_cli.run.sensors.lidar import make_lidar
-from xitl_cli.run.sensors.sonar import make_sonar
 from xitl_cli.run.traffic.self_report import report_from_motion
 from xitl_cli.run.world.world import local_frame
+
+if TYPE_CHECKING:  # nodes that few runs have; the functions that make them import them
+    from xitl_cli.run.core.live_output import LiveOutput, LiveVessel
+    from xitl_cli.run.nodes.ais import AisLine, AisRecorder
+    from xitl_cli.run.nodes.bridge import BridgeNode
+    from xitl_cli.run.nodes.fault_injection import FaultInjection
+    from xitl_cli.run.nodes.findings import FindingsNode
+    from xitl_cli.run.nodes.operated_control import OperatedControl
+    from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
+    from xitl_cli.run.nodes.river import CollisionNode
+    from xitl_cli.run.nodes.ros_companion import EstimateRate, RosCompanionNode
+    from xitl_cli.run.nodes.vessel_orders import VesselOrders
+    from xitl_cli.run_kinds import NodeKind
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -81,13 +78,17 @@ class Agents:
 # The parts that move the vessel
 
 
-@part(when=lambda setup: hears_sentences(setup.profile))
+@part(when=VesselSetup.has_ais_line)
 def ais_line(setup: VesselSetup) -> AisLine:
+    from xitl_cli.run.nodes.ais import AisLine
+
     return AisLine(setup.profile)
 
 
 @part(Place.BRIDGE, when=VesselSetup.has_bridge)
 def bridge(setup: VesselSetup, line: AisLine | None) -> BridgeNode:
+    from xitl_cli.run.nodes.bridge import BridgeNode
+
     profile, stations = setup.profile, setup.run.stations
     calls = line.url if line is not None and profile.autopilot.ais_link is None else None
     node = BridgeNode(profile, setup.out, stations.of(profile.vessel).urls, calls)
@@ -99,7 +100,7 @@ def bridge(setup: VesselSetup, line: AisLine | None) -> BridgeNode:
 @part(
     Place.CONTROL,
     when=VesselSetup.has_autopilot,
-    provides=(ControlNode,),
+    provides=("ControlNode",),
     also_at={Place.DRIVER: "driver", Place.TICK: "ticking"},
 )
 def autopilot(setup: VesselSetup, bridge: BridgeNode | None) -> AutopilotNode:
@@ -130,6 +131,8 @@ def autopilot(setup: VesselSetup, bridge: BridgeNode | None) -> AutopilotNode:
 def _driver(
     setup: VesselSetup, bridge: BridgeNode | None, commands: AutopilotCommands, agent: AgentConnection
 ) -> VehicleDriver:
+    from xitl_cli.run_kinds import DriverContext
+
     profile, frame, run = setup.profile, local_frame(setup.profile.site), setup.run
     addresses = run.stations.of(profile.vessel).told
     keys = profile.plugins.get(profile.driver.kind)
@@ -143,16 +146,22 @@ DRIVEN: tuple[Edge, ...] = (("D", "PS1"), ("D", "M"))
 
 @part(Place.CONTROL, when=VesselSetup.is_driven_directly, edges=DRIVEN)
 def direct(setup: VesselSetup) -> ControlNode:
+    from xitl_cli.run.nodes.direct_control import direct_control
+
     return direct_control(setup.profile, setup.others)
 
 
 @part(Place.CONTROL, when=VesselSetup.is_adrift)
 def adrift(setup: VesselSetup) -> ControlNode:
+    from xitl_cli.run.nodes.direct_control import direct_control
+
     return direct_control(setup.profile, setup.others)
 
 
-@part(Place.CONTROL, when=VesselSetup.is_driven_by_nodes, provides=(ControlNode, Steering), edges=DRIVEN)
+@part(Place.CONTROL, when=VesselSetup.is_driven_by_nodes, provides=("ControlNode", "Steering"), edges=DRIVEN)
 def operated(setup: VesselSetup) -> OperatedControl:
+    from xitl_cli.run.nodes.operated_control import OperatedControl
+
     return OperatedControl(setup.profile, setup.profile.ros.silent_s)
 
 
@@ -183,6 +192,8 @@ def voice(setup: VesselSetup, control: ControlNode, autopilot: AutopilotNode | N
 
 @part(Place.AIS_RECEIVER, when=lambda setup: setup.in_fleet() and setup.has_autopilot())
 def ais_receiver(setup: VesselSetup, autopilot: AutopilotNode, line: AisLine | None) -> AisRecorder | None:
+    from xitl_cli.run.nodes.ais import AisRecorder, receiver_of
+
     receiver = receiver_of(setup.profile, autopilot.send, line)
     return None if receiver is None else AisRecorder(receiver)
 
@@ -192,18 +203,28 @@ def ais_receiver(setup: VesselSetup, autopilot: AutopilotNode, line: AisLine | N
 
 @part(Place.COLLISIONS, when=VesselSetup.has_obstacles)
 def collisions(setup: VesselSetup) -> CollisionNode:
+    from xitl_cli.run.nodes.river import CollisionNode
+
     return CollisionNode(setup.plant, setup.in_fleet())
 
 
 @part(Place.PERCEPTION, when=lambda setup: setup.profile.sensors is not None)
 def perception(setup: VesselSetup, companion: CompanionNode | None) -> PerceptionNode | None:
     profile, scenery = setup.profile, setup.run.scenery
+    assert profile.sensors is not None
     instruments: dict[str, PerceptionInstrument] = {}
-    for name, make in (("lidar", make_lidar), ("sonar", make_sonar)):
-        if getattr(profile.sensors, name) is not None:
-            instruments[name] = make(profile, setup.seeds, scenery, setup.plant)
+    if profile.sensors.lidar is not None:
+        from xitl_cli.run.sensors.lidar import make_lidar
+
+        instruments["lidar"] = make_lidar(profile, setup.seeds, scenery, setup.plant)
+    if profile.sensors.sonar is not None:
+        from xitl_cli.run.sensors.sonar import make_sonar
+
+        instruments["sonar"] = make_sonar(profile, setup.seeds, scenery, setup.plant)
     if not instruments:
         return None
+    from xitl_cli.run.nodes.perception import PerceptionNode
+
     return PerceptionNode(
         instruments, (lambda messages: None) if companion is None else companion.send, lambda: scenery.warnings
     )
@@ -211,6 +232,8 @@ def perception(setup: VesselSetup, companion: CompanionNode | None) -> Perceptio
 
 @part(Place.FINDINGS, when=VesselSetup.has_companion)
 def findings(setup: VesselSetup, autopilot: AutopilotNode, companion: CompanionNode) -> FindingsNode:
+    from xitl_cli.run.nodes.findings import findings_from_profile
+
     bodies = setup.plant.bodies if setup.in_fleet() else None
     node = findings_from_profile(setup.profile, setup.run.scenery, bodies, setup.plant.tide_m)
     companion.heard.subscribe(node.handle)
@@ -234,13 +257,18 @@ def agents(autopilot: AutopilotNode | None, companion: CompanionNode | None) -> 
 
 @part(Place.FAULTS, when=VesselSetup.has_faults)
 def faults(setup: VesselSetup, agents: Agents, autopilot: AutopilotNode | None) -> FaultInjection:
+    from xitl_cli.run.core.faults import FaultSchedule
+    from xitl_cli.run.nodes.fault_injection import FaultInjection
+
     schedule = FaultSchedule(setup.profile.faults, setup.seeds)
     of_samples = () if autopilot is None else (autopilot.sample_faults, autopilot.set_sample_fault)
     return FaultInjection(schedule, setup.plant, agents.all, agents.of_autopilot, setup.profile.clock, *of_samples)
 
 
-@part(when=VesselSetup.has_orders, provides=(Steering,))
+@part(when=VesselSetup.has_orders, provides=("Steering",))
 def orders(setup: VesselSetup, autopilot: AutopilotNode, faults: FaultInjection) -> VesselOrders:
+    from xitl_cli.run.nodes.vessel_orders import VesselOrders
+
     profile, commands = setup.profile, autopilot.new_commands()
     frame = local_frame(profile.site)
     vessel = VesselOrders(profile, commands, frame, faults, autopilot.driver, profile.ros.silent_s)
@@ -259,6 +287,8 @@ def links(setup: VesselSetup, agents: Agents, autopilot: AutopilotNode) -> LinkR
 
 @part(Place.ESTIMATE_RATE, when=VesselSetup.asks_for_estimates)
 def estimate_rate(setup: VesselSetup, autopilot: AutopilotNode) -> EstimateRate | None:
+    from xitl_cli.run.nodes.ros_companion import EstimateRate
+
     rate_hz = setup.profile.ros.estimate_rate_hz
     return EstimateRate(autopilot.new_commands(), rate_hz) if rate_hz else None
 
@@ -273,6 +303,8 @@ def sensors(setup: VesselSetup) -> SensorRecorder:
 
 @part(Place.ROS_COMPANION, when=VesselSetup.has_ros_companion)
 def ros_companion(setup: VesselSetup, orders: VesselOrders) -> RosCompanionNode:
+    from xitl_cli.run.nodes.ros_companion import RosCompanionNode
+
     assert setup.profile.companion is not None
     return RosCompanionNode(setup.profile.companion, orders.asked_by)
 
@@ -302,6 +334,8 @@ def track(control: ControlNode) -> TrackNode:
 
 @part()
 def live_vessel(setup: VesselSetup, control: ControlNode, mission: MissionNode, status: StatusSource) -> LiveVessel:
+    from xitl_cli.run.core.live_output import LiveVessel
+
     return LiveVessel(setup.profile, setup.plant, control, mission, status)
 
 
@@ -358,7 +392,7 @@ def _plugin_parts(setup: VesselSetup) -> list[Part]:
                     f"plugins.{name} ({package_of(NODES, name)}): its edges name {end}, which is not a node of "
                     f"the graph; the nodes are {', '.join(architecture())}"
                 )
-        needs = (Need("control", ControlNode), *(Need(needed.__name__, needed) for needed in kind.needs))
+        needs = (Need("control", "ControlNode"), *(Need(needed.__name__, needed.__name__) for needed in kind.needs))
         place = Place.PLUGINS if kind.place is None else kind.place
         make = partial(_plugin_node, setup, name, keys, kind)
         parts.append(Part(f"plugins.{name}", make, needs, place=place, edges=tuple(kind.edges)))
@@ -368,6 +402,8 @@ def _plugin_parts(setup: VesselSetup) -> list[Part]:
 def _plugin_node(
     setup: VesselSetup, name: str, keys: Any, kind: NodeKind, *, control: ControlNode, **needed: Any
 ) -> PluginNode:
+    from xitl_cli.run_kinds import NodeContext
+
     parts = {type_: needed[type_.__name__] for type_ in kind.needs}
     rng = default_rng(setup.seeds.sequence(f"plugins.{name}"))
     context = NodeContext(name, setup.profile, setup.plant, setup.run.scenery, control, setup.seeds, rng, parts)
@@ -375,4 +411,4 @@ def _plugin_node(
 
 
 def _live_part(output: LiveOutput) -> Part:
-    return Part("live output", output.vessel_node, (Need("vessel", LiveVessel),), place=Place.LIVE_VESSEL)
+    return Part("live output", output.vessel_node, (Need("vessel", "LiveVessel"),), place=Place.LIVE_VESSEL)

@@ -6,25 +6,24 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from itertools import chain
+from typing import TYPE_CHECKING, TypeVar
 
-from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from xitl_cli.run.composition.parts import Need, Part, Parts, Place, made_parts, part
 from xitl_cli.run.composition.setup import RunSetup
-from xitl_cli.run.core.live_output import LiveRun
 from xitl_cli.run.core.node import ControlNode, RunNode
-from xitl_cli.run.nodes.ais import AisNode, AisRecorder
 from xitl_cli.run.nodes.display import DisplayNode, StatusSource
-from xitl_cli.run.nodes.encounters import EncounterNode
-from xitl_cli.run.nodes.operator import OperatorNode
 from xitl_cli.run.nodes.recorders import PaceRecorder, ScriptedRecorder
-from xitl_cli.run.nodes.river import RiverNode, TideNode, river_from_profile
 from xitl_cli.run.nodes.stations import StationAddresses
-from xitl_cli.run.nodes.vessel_orders import VesselOrders
-from xitl_cli.run.operator.environment_changes import EnvironmentChanges
-from xitl_cli.run.operator.steering import Steering
 from xitl_cli.run.traffic.self_report import SelfReport, report_from_motion
 from xitl_cli.run.world.plant import Plant
+
+if TYPE_CHECKING:  # nodes that few runs have; the functions that make them import them
+    from sim_core.world.traffic import ScriptedVessel
+    from xitl_cli.run.nodes.ais import AisNode
+    from xitl_cli.run.nodes.encounters import EncounterNode
+    from xitl_cli.run.nodes.operator import OperatorNode
+    from xitl_cli.run.nodes.river import RiverNode, TideNode
 
 T = TypeVar("T")
 
@@ -44,10 +43,12 @@ class Vessels:
 
 def world_parts(setup: RunSetup, vessels: Mapping[str, Parts], opened: ExitStack) -> Parts:
     """Make the nodes of the world; `opened` closes them. Raises UserError for a port that is not available."""
-    live = LiveRun(setup.plant, setup.scene, setup.tell, setup.interrupted)
     declared = [*WORLD_PARTS]
-    for output in setup.live:
-        for node in output.world_nodes(live):
+    if setup.live:
+        from xitl_cli.run.core.live_output import LiveRun
+
+        live = LiveRun(setup.plant, setup.scene, setup.tell, setup.interrupted)
+        for node in chain.from_iterable(output.world_nodes(live) for output in setup.live):
             opened.callback(node.close)
             declared.append(_live_part(node))
     return made_parts(declared, {RunSetup: setup, Vessels: Vessels(vessels)}, setup, opened)
@@ -62,12 +63,19 @@ def display(setup: RunSetup, vessels: Vessels) -> DisplayNode:
 
 @part(Place.RIVER, when=RunSetup.has_river, also_at={Place.LAUNCHING: "launching"})
 def river(setup: RunSetup, vessels: Vessels) -> RiverNode:
+    from xitl_cli.run.nodes.river import river_from_profile
+
     control = vessels.parts[setup.profile.vessel].need(ControlNode)
     return river_from_profile(setup.profile, setup.seeds, setup.plant, lambda: control.progress)
 
 
 @part(Place.OPERATOR, when=RunSetup.operated)
 def operator(setup: RunSetup, vessels: Vessels, river: RiverNode) -> OperatorNode:
+    from xitl_cli.run.nodes.operator import OperatorNode
+    from xitl_cli.run.nodes.vessel_orders import VesselOrders
+    from xitl_cli.run.operator.environment_changes import EnvironmentChanges
+    from xitl_cli.run.operator.steering import Steering
+
     changes = EnvironmentChanges(setup.plant, setup.profile.environment, setup.seeds)
     names = [profile.vessel for profile in setup.profiles]
     steering, orders = vessels.having(Steering), vessels.having(VesselOrders)
@@ -88,11 +96,15 @@ def scripted_vessels(setup: RunSetup) -> ScriptedRecorder:
 
 @part(Place.AIS, when=RunSetup.is_fleet)
 def ais(setup: RunSetup, vessels: Vessels) -> AisNode:
+    from xitl_cli.run.nodes.ais import AisNode, AisRecorder
+
     return AisNode(list(setup.profiles), setup.voices, vessels.having(AisRecorder))
 
 
 @part(Place.ENCOUNTERS, when=RunSetup.is_fleet)
 def encounters(setup: RunSetup) -> EncounterNode:
+    from xitl_cli.run.nodes.encounters import EncounterNode
+
     profile = setup.profile
     distance_m, rate_hz = profile.world.encounter_distance_m, profile.clock.physics_rate_hz
     return EncounterNode(setup.plant, setup.plant.need_fleet(), distance_m, rate_hz)
@@ -100,6 +112,8 @@ def encounters(setup: RunSetup) -> EncounterNode:
 
 @part(Place.TIDE, when=RunSetup.has_tide)
 def tide(setup: RunSetup) -> TideNode:
+    from xitl_cli.run.nodes.river import TideNode
+
     return TideNode(setup.profiles, setup.plant)
 
 
@@ -118,7 +132,7 @@ WORLD_PARTS = (display, river, operator, scripted_vessels, ais, encounters, tide
 
 def _live_part(node: RunNode) -> Part:
     return Part(
-        "live output", partial(_attached, node), (Need("operator", OperatorNode, optional=True),), place=Place.LIVE
+        "live output", partial(_attached, node), (Need("operator", "OperatorNode", optional=True),), place=Place.LIVE
     )
 
 
@@ -129,5 +143,7 @@ def _attached(node: RunNode, operator: OperatorNode | None) -> RunNode:
 
 
 def _scripted_report(plant: Plant, vessel: ScriptedVessel) -> SelfReport:
+    from sim_core.world.traffic import scripted_motion
+
     now_ns, tide_m = plant.state.time_ns, plant.vessels[0].tide_m()
     return report_from_motion(now_ns, scripted_motion([vessel], now_ns * 1e-9, tide_m))

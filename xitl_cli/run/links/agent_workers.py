@@ -17,7 +17,6 @@ import time
 from collections.abc import Sequence
 
 from agent.options import Options
-from agent.wire.socket_pair import SocketPairTransport, socket_pair
 from agent.wire.transport import Transport
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
@@ -149,7 +148,8 @@ class WorkerAgent:
 
     def __init__(self, worker: Worker, number: int, options: Options, vessel: str) -> None:
         self._worker, self._number, self._vessel = worker, number, vessel
-        self._pair: SocketPairTransport
+        from agent.wire.socket_pair import socket_pair
+
         self._pair, theirs = socket_pair(vessel, GATHERED_BYTES)
         self.transport: Transport = self._pair
         try:

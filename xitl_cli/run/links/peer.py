@@ -23,7 +23,6 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import BridgeSpec
 from xitl_cli.run.core.directory import DATAFLASH
 from xitl_cli.run.links.agent_workers import AgentWorkers
-from xitl_cli.run.links.loopback import open_loopback
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +193,8 @@ class ProcessAgent:
 
     def __init__(self, url: str, options: AgentOptions) -> None:
         agent_url = url
+        from xitl_cli.run.links.loopback import open_loopback
+
         self._loopback = open_loopback(url)
         if self._loopback is not None:
             url, agent_url = self._loopback.host_url, self._loopback.agent_url

@@ -55,14 +55,6 @@ class AisLine:
         self.transport.close()
 
 
-def hears_sentences(profile: RunProfile) -> bool:
-    """Whether the autopilot of a fleet's vessel has a line for AIS: an ArduPilot with a known address for it."""
-    autopilot = profile.autopilot
-    if not profile.vessel or autopilot.kind != "ardupilot":
-        return False
-    return autopilot.ais_link is not None or (autopilot.started_here and autopilot.firmware_build == "sitl")
-
-
 def receiver_of(profile: RunProfile, send: Send, line: AisLine | None) -> AisReceiver | None:
     """Return the AIS receiver of a vessel's autopilot, or None without one."""
     if profile.autopilot.kind == "embedded":

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from sim_core.environment.wind import Air
-from sim_core.sensors.rangefinder import HullsAround, TideNow
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.record.topics import ActuatorAge, MotionEstimate
@@ -33,7 +32,6 @@ from xitl_cli.run.links.connection import (
 from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
 from xitl_cli.run.links.peer import AgentOptions, open_peer
 from xitl_cli.run.links.setup import Plans, embedded_parameters, mission_plans
-from xitl_cli.run.links.standby import Redundancy
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.scores.estimation import EstimateCheck
 from xitl_cli.run.sensors.sensing import make_sensing
@@ -42,6 +40,10 @@ from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
 from xitl_cli.signing import read_key_file
+
+if TYPE_CHECKING:
+    from sim_core.sensors.rangefinder import HullsAround, TideNow
+    from xitl_cli.run.links.standby import Redundancy
 
 SYNC_RATE_HZ = 10.0
 STILL_AIR = np.zeros((1, 3))
@@ -97,6 +99,8 @@ class AutopilotNode(ControlNode):
         self._redundancy: Redundancy | None = None
         if standby is not None:
             self.view = AgentView(self._frame, lambda severity, text: None, lambda agent_us, estimate: None)
+            from xitl_cli.run.links.standby import Redundancy
+
             self._redundancy = Redundancy(self.agents, self.view, standby)
         self.driver = make_driver(self.new_commands(), first)
         self._check = EstimateCheck(profile.clock.physics_rate_hz)

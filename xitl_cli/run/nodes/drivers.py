@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,15 +15,16 @@ from agent.mavlink.modes import MISSION_MODE, shown_mode
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
-from xitl_cli.plugin import DriverContext, DriverKind
-from xitl_cli.profile.missions.ground_station_files import waypoints_text
 from xitl_cli.profile.schema.agents import ScriptStep
-from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.autopilot_commands import REPEAT_S, AutopilotCommands
+from xitl_cli.run_kinds import DriverContext, DriverKind
+
+if TYPE_CHECKING:
+    from xitl_cli.replay.motor_schedule import MotorSchedule
 
 
 class VehicleDriver(RunNode):
@@ -427,6 +428,8 @@ class GroundStationDriver(VehicleDriver):
     def save(self, folder: Path) -> None:
         """Save the mission that the ground station started, in the format of its waypoint files."""
         if self._download.done and self._seqs:
+            from xitl_cli.profile.missions.ground_station_files import waypoints_text
+
             directory.write_whole(folder / directory.MISSION, waypoints_text(self._download.items))
 
     def _is_over(self) -> bool:
@@ -487,6 +490,18 @@ def _course(context: DriverContext) -> Course:
     return Course(tuple(mission.course), mission.jumps)
 
 
+def _replay(context: DriverContext) -> ReplayDriver:
+    from xitl_cli.replay.motor_schedule import schedule_from_file
+
+    return ReplayDriver(
+        context.commands,
+        schedule_from_file(context.profile),
+        context.profile.driver.replay.rc_channels,
+        context.profile.autopilot.arm_timeout_s,
+        context.others,
+    )
+
+
 MISSION = DriverKind(
     lambda context: MissionDriver(
         context.commands, _course(context), context.profile.autopilot.arm_timeout_s, context.others
@@ -509,13 +524,5 @@ ROS = DriverKind(
 SCRIPT = DriverKind(
     lambda context: ScriptDriver(context.commands, context.frame, context.profile.driver.script, _course(context))
 )
-REPLAY = DriverKind(
-    lambda context: ReplayDriver(
-        context.commands,
-        schedule_from_file(context.profile),
-        context.profile.driver.replay.rc_channels,
-        context.profile.autopilot.arm_timeout_s,
-        context.others,
-    )
-)
+REPLAY = DriverKind(_replay)
 NONE = DriverKind(lambda context: NoDriver(context.commands, _course(context)))

@@ -11,7 +11,6 @@ import numpy as np
 from agent.wire.dialect import MAV_SEVERITY_NOTICE as NOTICE
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core.geodesy import LocalFrame
-from xitl_cli.plugin import DriverContext, DriverKind
 from xitl_cli.profile.schema.agents import FollowSpec
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import Progress
@@ -19,6 +18,7 @@ from xitl_cli.run.links.autopilot_commands import REPEAT_S, AutopilotCommands
 from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, ArmingPhase, ArmingSequence, VehicleDriver
 from xitl_cli.run.traffic.following import MOVED_M, FollowLaw, LeaderTrack
 from xitl_cli.run.traffic.self_report import Point, VesselVoices
+from xitl_cli.run_kinds import DriverContext, DriverKind
 
 RATE_HZ = 5.0
 STATION_M = 3.0  # distance to its place at which the follower has reached it the first time

@@ -14,7 +14,6 @@ from agent.entry_points import OWN_PACKAGE
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from agent.wire.link import Link
 from xitl_cli.errors import UserError
-from xitl_cli.plugin import DriverContext, DriverKind, LiveOutputKind
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.mcap_file import ChannelMirror
 from xitl_cli.record.recorder import Recorder
@@ -24,6 +23,7 @@ from xitl_cli.run.core.live_output import LiveOutput, LiveRun, LiveVessel
 from xitl_cli.run.core.node import PluginNodeError, RunContext, RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.nodes.drivers import VehicleDriver
+from xitl_cli.run_kinds import DriverContext, DriverKind, LiveOutputKind
 
 P = ParamSpec("P")
 T = TypeVar("T")

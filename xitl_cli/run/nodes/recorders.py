@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from agent.wire.codec import Packer
 from sim_core.environment.wind import Air
-from sim_core.fleet import Fleet
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
-from sim_core.sensors.rangefinder import HullsAround, TideNow
 from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel.battery import COULOMB_PER_AH
-from sim_core.world.traffic import scripted_motion
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
@@ -31,6 +28,10 @@ from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.scene import make_scripted_scene
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
+
+if TYPE_CHECKING:
+    from sim_core.fleet import Fleet
+    from sim_core.sensors.rangefinder import HullsAround, TideNow
 
 ENVIRONMENT_RATE_HZ = 10.0
 CLOCK_RATE_HZ = 10.0
@@ -220,6 +221,8 @@ class ScriptedRecorder(RunNode):
             context.recorder.scene(make_scripted_scene(self._vessels))
 
     def record(self, step: RunStep) -> None:
+        from sim_core.world.traffic import scripted_motion
+
         now_s = step.now_ns * 1e-9
         motion = scripted_motion(self._vessels, now_s, self._tide.height_m(now_s))
         table = TruthTable(motion, np.empty((len(self._vessels), 0)))

@@ -11,7 +11,6 @@ from typing import Any
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import Profile
 from xitl_cli.run.core.directory import RECORDING
-from xitl_cli.run.operator.actions import ENVIRONMENT, ActionError, action_name, read_action
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +51,8 @@ UNATTENDED = Operation()
 def operation_of(profile: Profile, replay_events: Path | None = None, pace: float | None = None) -> Operation:
     """Return the operation for the options of `xitl sim`. Raises UserError for an invalid file or pace."""
     if pace is not None:
+        from xitl_cli.run.operator.actions import ActionError, read_action  # most runs have no actions
+
         try:
             read_action({"action": "pace", "factor": pace})
         except ActionError as error:
@@ -130,6 +131,8 @@ def _actions_of_lines(file: Path) -> Iterator[TimedAction]:
 
 def _checked(time_ns: int, action: Any, source: str, where: str) -> TimedAction:
     """Check the keys that depend on nothing else, before the run."""
+    from xitl_cli.run.operator.actions import ENVIRONMENT, ActionError, action_name, read_action
+
     try:
         name = action_name(action)
         if name not in ENVIRONMENT:

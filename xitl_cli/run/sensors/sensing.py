@@ -6,7 +6,7 @@ import heapq
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from numpy.random import Generator, default_rng
 
@@ -20,22 +20,23 @@ from sim_core.sensors.barometer import Barometer
 from sim_core.sensors.gnss import Gnss
 from sim_core.sensors.imu import Imu
 from sim_core.sensors.magnetometer import Magnetometer
-from sim_core.sensors.odometry import Odometry
-from sim_core.sensors.rangefinder import HullsAround, ObstacleScanner, Rangefinder, TideNow
-from sim_core.sensors.wind_vane import WindVane
 from sim_core.world.structures import upright_walls
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.world import SiteSpec
 from xitl_cli.run.sensors import sensor_messages
-from xitl_cli.run.sensors.recorded import RecordedChannel, read_samples
 from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
 from xitl_cli.run.sensors.together import FleetSensor, row_of
 from xitl_cli.run.world.plant import PlantView
 from xitl_cli.run.world.world import local_frame, magnetic_field_ned_gauss
 from xitl_cli.seeds import Seeds
+
+if TYPE_CHECKING:  # sensors that few profiles have
+    from sim_core.sensors.rangefinder import HullsAround, TideNow
+    from sim_core.sensors.wind_vane import WindVane
+    from xitl_cli.profile.schema.faults import FaultSpec
+    from xitl_cli.run.sensors.recorded import RecordedChannel, RecordedSamples
 
 
 class SensorSuite:
@@ -68,12 +69,17 @@ class SensorSuite:
             ("barometer", Barometer(sensors.barometer, site.altitude_m), sensor_messages.barometer),
         )
         self._faults = {name: SensorFaults(name, faults or {}, seeds, frame) for name, _, _ in models}
-        recorded = {} if sensors.recorded is None else read_samples(sensors.recorded, site)
+        recorded: Mapping[str, RecordedSamples] = {}
+        if sensors.recorded is not None:
+            from xitl_cli.run.sensors.recorded import RecordedChannel, read_samples
+
+            recorded = read_samples(sensors.recorded, site)
         self._sensors: dict[str, SensorChannel | FleetChannel | RecordedChannel] = {}
+        self._recorded: dict[str, RecordedChannel] = {}
         for name, model, encode in models:
             faults_of, rng = self._faults[name], default_rng(seeds.sequence(name))
             if name in recorded:
-                self._sensors[name] = RecordedChannel(recorded[name], encode, faults_of)
+                self._sensors[name] = self._recorded[name] = RecordedChannel(recorded[name], encode, faults_of)
             elif plant is not None and name in _TOGETHER:
                 self._sensors[name] = FleetChannel(model, rng, physics_rate_hz, _TOGETHER[name], faults_of, plant)
             else:
@@ -116,11 +122,7 @@ class SensorSuite:
 
     def recorded_report(self) -> dict[str, dict[str, dict[str, int]]]:
         """Return `recorded_sensors`: by sensor, the recorded samples that were sent, and skipped for newer ones."""
-        counts = {
-            name: {"sent": channel.sent, "skipped": channel.skipped}
-            for name, channel in self._sensors.items()
-            if isinstance(channel, RecordedChannel)
-        }
+        counts = {name: {"sent": channel.sent, "skipped": channel.skipped} for name, channel in self._recorded.items()}
         return {"recorded_sensors": counts} if counts else {}
 
     def set_fault(self, name: str, fault: FaultSpec) -> None:
@@ -162,6 +164,8 @@ def _further_channels(
     assert profile.sensors is not None
     sensors, water, physics_hz = profile.sensors, profile.environment.water, profile.clock.physics_rate_hz
     walls = upright_walls(profile.world.log_boom, profile.world.dam, -water.level_m)
+    if sensors.rangefinders:
+        from sim_core.sensors.rangefinder import Rangefinder
     for number, rangefinder in enumerate(sensors.rangefinders):
         unit = Rangefinder(rangefinder, water.depth_m - water.level_m, -water.level_m, walls, hulls, tide_m)
         rng = default_rng(seeds.sequence(f"rangefinder {number}"))
@@ -171,11 +175,15 @@ def _further_channels(
         rng = default_rng(seeds.sequence("gps input"))
         yield SensorChannel(Gnss(fixes, frame), rng, physics_hz, sensor_messages.gps_input(fixes.gps_id))
     if (scan := messages.obstacle_distance) is not None:
+        from sim_core.sensors.rangefinder import ObstacleScanner
+
         rng = default_rng(seeds.sequence("obstacle distance"))
         yield SensorChannel(
             ObstacleScanner(scan, walls, hulls), rng, physics_hz, sensor_messages.obstacle_distance(scan)
         )
     if (pose := messages.odometry) is not None:
+        from sim_core.sensors.odometry import Odometry
+
         encode = sensor_messages.odometry(pose.velocity_noise_mps, pose.rate_noise_radps)
         yield SensorChannel(Odometry(pose), default_rng(seeds.sequence("odometry")), physics_hz, encode)
     bridge = profile.autopilot.bridge
@@ -183,6 +191,8 @@ def _further_channels(
     if bridged and any(kind.truth for kind in bridge_kinds(bridge.world, bridge.sensors)):
         vane = None
         if sensors.wind_vane is not None:
+            from sim_core.sensors.wind_vane import WindVane
+
             steady, areas_m = make_wind(profile.environment.wind), profile.vehicle.wind.centre_height_m
 
             def against_areas(height_m: Array | float) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from agent.navigation.gps_time import GpsTime
 from agent.wire import dialect
@@ -12,9 +12,11 @@ from sim_core.sensors.barometer import BarometerSample
 from sim_core.sensors.gnss import GnssSample
 from sim_core.sensors.imu import ImuSample
 from sim_core.sensors.magnetometer import MagnetometerSample
-from sim_core.sensors.odometry import OdometrySample
-from sim_core.sensors.rangefinder import RangefinderSample, ScanSample
-from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
+
+if TYPE_CHECKING:
+    from sim_core.sensors.odometry import OdometrySample
+    from sim_core.sensors.rangefinder import RangefinderSample, ScanSample
+    from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
 
 Message = Any  # the generated codec is untyped
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from foxglove import messages
@@ -18,10 +19,12 @@ from sim_core.world.debris import Body, BodyKind
 from sim_core.world.geometry import MATERIALS, Mesh
 from sim_core.world.river import RiverBed
 from sim_core.world.structures import LogBoom
-from sim_core.world.traffic import ScriptedVessel
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame, vessel_name
 from xitl_cli.scenery import Scenery
+
+if TYPE_CHECKING:
+    from sim_core.world.traffic import ScriptedVessel
 
 _ORANGE = messages.Color(r=0.95, g=0.45, b=0.1, a=1.0)
 _CONCRETE = messages.Color(r=0.6, g=0.6, b=0.6, a=1.0)
