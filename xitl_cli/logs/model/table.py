@@ -12,6 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import Any, Literal
 
@@ -138,9 +139,11 @@ class Selection(Table):
     def __len__(self) -> int:
         return len(self._index)
 
-    @property
+    @cached_property
     def stamp_ns(self) -> NDArray[np.int64]:
-        return self._table.stamp_ns[self._index]
+        stamps = self._table.stamp_ns[self._index]
+        stamps.flags.writeable = False
+        return stamps
 
     @property
     def file_offset(self) -> NDArray[np.int64]:
@@ -166,6 +169,14 @@ def whole_ns(ns: Floats) -> Stamps:
 def seconds_since(zero_ns: int, stamp_ns: Stamps) -> Floats:
     """(N,) seconds since the stamp `zero_ns`."""
     return np.multiply(stamp_ns - zero_ns, 1e-9, dtype=np.float64)
+
+
+def distinct(stamp_ns: Stamps) -> Stamps:
+    """(D,) sorted stamps without repetitions. Nearly sorted stamps take a fraction of the time of `np.unique`."""
+    ordered = np.sort(stamp_ns, kind="stable")
+    first = np.ones(len(ordered), dtype=np.bool_)
+    np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
+    return ordered[first]
 
 
 def rising(stamp_ns: Stamps) -> Flags:

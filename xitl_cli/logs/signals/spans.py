@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.model.table import Flags, Floats, Stamps, distinct
 
 
 def runs(flags: Flags) -> list[tuple[int, int]]:
@@ -126,7 +126,7 @@ def log_pauses(log: Log) -> Stamps:
     dense = _dense(log)
     if len(dense) < 2:
         return np.empty((0, 2), dtype=np.int64)
-    merged = np.unique(np.concatenate(dense))
+    merged = distinct(np.concatenate(dense))
     steps = np.diff(merged)
     wide = np.flatnonzero(steps > max(_SHORTEST_NS, 3.0 * float(np.percentile(steps, 90.0))))
     return np.stack([merged[wide], merged[wide + 1]], axis=1)

@@ -24,6 +24,7 @@ from xitl_cli.logs.formats.dataflash.records import (
 from xitl_cli.logs.formats.dataflash.table import (
     DataFlashTable,
     DefinitionRows,
+    KeptColumns,
     Times,
     decode_text,
     read_columns,
@@ -57,6 +58,7 @@ class DataFlashLog(Log):
             raise LogError(f"{path}: is not a DataFlash log, because it is empty; choose a .bin file of ArduPilot")
         self._index: RecordIndex = index_records(self._data, self._forget_huge)
         self._looked_for = 0
+        self._kept = KeptColumns()
         if len(self._index.found.place) <= self._index.found.losses.suspect:  # all of them are doubtful
             self.close()
             if self._index.found.unknown:
@@ -81,7 +83,7 @@ class DataFlashLog(Log):
         meaning = meanings(self._data, parts)
         return MappingProxyType(
             {
-                name: DataFlashTable(name, self._data, parts[name], meaning, lambda: self._times)
+                name: DataFlashTable(name, self._data, parts[name], meaning, lambda: self._times, self._kept)
                 for name in sorted(parts)
             }
         )
@@ -168,6 +170,9 @@ class DataFlashLog(Log):
             undecoded=MappingProxyType(undecoded),
         )
 
+    def keep_columns(self, most_bytes: int) -> None:
+        self._kept.limit(most_bytes)
+
     @property
     def facts(self) -> Mapping[str, str]:
         described = sum(len(versions) for versions in self._index.described.versions.values())
@@ -176,6 +181,7 @@ class DataFlashLog(Log):
     def close(self) -> None:
         for name in ("tables", "_parts", "_sorted_places", "_times"):
             self.__dict__.pop(name, None)
+        self._kept.limit(0)
         self._data = np.empty(0, np.uint8)
         self._bytes.close()
 

@@ -347,6 +347,45 @@ class DefinitionRows:
         return self._find()
 
 
+_Key = tuple[str, str, bool]
+"""Table, column, and whether its values are as stored."""
+_GOOD_PART = 8
+"""Share, as a divisor, of the rows of a column from which the whole column is kept."""
+
+
+class KeptColumns:
+    """Columns of numbers that were read, up to `most_bytes`; the one that was not used for longest goes first."""
+
+    def __init__(self, most_bytes: int = 0) -> None:
+        self.most_bytes = most_bytes
+        self._bytes = 0
+        self._arrays: dict[_Key, NDArray[Any]] = {}
+
+    def wanted(self, key: _Key, rows: Rows, count: int) -> bool:
+        """Whether to read these of `count` rows from the kept column: it is there, or they are a good part of it."""
+        if key in self._arrays or not self.most_bytes:
+            return bool(self.most_bytes)
+        return rows == ALL if isinstance(rows, slice) else _GOOD_PART * len(rows) >= count
+
+    def get(self, key: _Key, read: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+        """The column of this key, read if it is not kept. Read-only."""
+        values = self._arrays.pop(key, None)
+        if values is None:
+            values = read()
+            values.flags.writeable = False
+            self._bytes += values.nbytes
+        self._arrays[key] = values
+        self.limit(self.most_bytes)
+        return values
+
+    def limit(self, most_bytes: int) -> None:
+        """Change the most bytes that are kept."""
+        self.most_bytes = most_bytes
+        while self._bytes > most_bytes:
+            oldest = next(iter(self._arrays))
+            self._bytes -= self._arrays.pop(oldest).nbytes
+
+
 @dataclass(frozen=True, slots=True)
 class _TypedRows:
     """A part and its columns."""
@@ -363,9 +402,16 @@ class DataFlashTable(Table):
     """
 
     def __init__(
-        self, name: str, data: Bytes, parts: Sequence[DefinitionRows], meaning: Meaning, times: Callable[[], Times]
+        self,
+        name: str,
+        data: Bytes,
+        parts: Sequence[DefinitionRows],
+        meaning: Meaning,
+        times: Callable[[], Times],
+        kept: KeptColumns,
     ) -> None:
         self.name = name
+        self._kept = kept
         self._data = data
         self._parts = [_TypedRows(part, _columns(name, part.definition, meaning)) for part in parts]
         self._times = times
@@ -435,6 +481,9 @@ class DataFlashTable(Table):
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         known = self.columns[column]
         if self._order is None:
+            key = self.name, column, raw
+            if known.kind == "number" and self._kept.wanted(key, rows, len(self)):
+                return self._kept.get(key, lambda: self._values(self._parts[0], self.file_offset, known, raw=raw))[rows]
             return self._values(self._parts[0], self.file_offset[rows], known, raw=raw)
         whole = [self._values(rows, rows.part.place, known, raw=raw) for rows in self._parts]
         return np.concatenate(whole)[self._order][rows]
