@@ -203,12 +203,6 @@ class Log(ABC):
         """The messages in the raw MAVLink frames of a topic, by "topic:MESSAGE"; only recordings have them."""
         raise KeyError(topic)
 
-    def keep_columns(self, most_bytes: int) -> None:  # noqa: B027  other formats need not
-        """Keep up to `most_bytes` of the columns that are read, for readers that need the same ones.
-
-        Columns of numbers are read-only from then on.
-        """
-
     @property
     def zero_ns(self) -> int:
         """The stamp from which seconds count: the log's own zero, or its first row if that zero is years earlier."""
@@ -282,9 +276,6 @@ class LogView(Log):
 
     def frame_tables(self, topic: str) -> Mapping[str, Table]:
         return self.inner.frame_tables(topic)
-
-    def keep_columns(self, most_bytes: int) -> None:
-        self.inner.keep_columns(most_bytes)
 
     def close(self) -> None:
         self.inner.close()

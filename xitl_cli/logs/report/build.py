@@ -33,8 +33,6 @@ _MOST_TRACK_POINTS = 3000
 _MOST_WAYPOINTS = 500
 _MOST_SPANS = 500
 _FARTHEST_M = 500e3
-_KEPT_BYTES = 256 << 20
-"""Most bytes of columns that are kept in memory, of all files together."""
 
 Read = Callable[[Log], Series | None]
 Style = Literal["line", "steps"]
@@ -217,8 +215,6 @@ def build_report(
         logs, refusals = open_all(paths, opened, vessel)
         names = [name + of_vessel(log) for name, log in zip(short_names([log.path for log in logs]), logs, strict=True)]
         laid = [AlignedLog(log, time_line) for log, time_line in zip(logs, time_lines(logs), strict=True)]
-        for log in laid:
-            log.keep_columns(_KEPT_BYTES // len(laid))
         files = [_file(log, name, analyses, progress) for log, name in zip(laid, names, strict=True)]
         first_part = Overview()
         if overview and files:

@@ -113,25 +113,24 @@ def _slope(time_s: Floats, values: Floats) -> Floats:
 
 
 _WINDOWS_AT_ONCE = 1024
-"""Windows fitted together: their rows stay in the processor's cache."""
+"""Windows whose sums begin at the same row: they are near each other, so that the sums stay exact."""
 
 
 def _slopes(time_s: Floats, values: Floats, firsts: NDArray[np.intp], ends: NDArray[np.intp]) -> Floats:
-    """(W, 2) slope of the values (N, 2) in each window of rows, fitted together for windows of the same length."""
+    """(W, 2) slope of the values (N, 2) in each window of rows, by least squares. firsts, ends: (W,) rising."""
     slopes = np.empty((len(firsts), 2))
-    lengths = ends - firsts
-    for length in np.flatnonzero(np.bincount(lengths)).tolist():
-        alike = np.flatnonzero(lengths == length)
-        for at in range(0, len(alike), _WINDOWS_AT_ONCE):
-            windows = alike[at : at + _WINDOWS_AT_ONCE]
-            rows = firsts[windows, None] + np.arange(length)
-            centred = time_s[rows]
-            centred -= centred.mean(axis=1, keepdims=True)
-            squares = np.einsum("wr,wr->w", centred, centred)
-            for axis in (0, 1):
-                apart = values[:, axis][rows]
-                apart -= apart.mean(axis=1, keepdims=True)
-                slopes[windows, axis] = np.einsum("wr,wr->w", centred, apart) / squares
+    for at in range(0, len(firsts), _WINDOWS_AT_ONCE):
+        begin, after = firsts[at : at + _WINDOWS_AT_ONCE], ends[at : at + _WINDOWS_AT_ONCE]
+        rows = slice(int(begin[0]), int(after[-1]))
+        time = time_s[rows] - time_s[(rows.start + rows.stop) // 2]
+        apart = (values[rows] - values[rows.start]).T
+        summed = np.zeros((6, len(time) + 1))
+        np.cumsum([time, time**2, *apart, *(time * apart)], axis=1, out=summed[:, 1:])
+        window = summed[:, after - rows.start] - summed[:, begin - rows.start]
+        mean_s = window[0] / (after - begin)
+        slopes[at : at + _WINDOWS_AT_ONCE] = (
+            (window[4:] - mean_s * window[2:4]) / (window[1] - mean_s * window[0])
+        ).T
     return slopes
 
 
