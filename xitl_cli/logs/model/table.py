@@ -105,6 +105,20 @@ class Table(ABC):
         stamps = self.stamp_ns
         return (int(stamps[0]), int(stamps[-1])) if len(stamps) else None
 
+    @cached_property
+    def selections(self) -> Mapping[int, Table]:
+        """One table per instance, by its number; the table itself as 0 if it has no instances.
+
+        In a damaged log, the column of the instance can be a text or an array. The table then has no instances.
+        """
+        column = None if self.instance is None else self.columns[self.instance]
+        if column is None or column.kind != "number" or column.shape:
+            return {0: self}
+        numbers = self.values(column.name, raw=True)
+        small = numbers.dtype == np.uint8
+        every = np.flatnonzero(np.bincount(numbers)) if small else np.unique(numbers)
+        return {int(number): Selection(self, numbers == number) for number in every}
+
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Like `values`, for all rows. Raises UnknownNameError, which names the nearest column."""
         return self.values(column_named(self, column))
@@ -155,10 +169,7 @@ class Selection(Table):
 
 def by_instance(table: Table) -> dict[int, Table]:
     """One table per instance, by its number; the table itself as 0 if it has no instances."""
-    if table.instance is None:
-        return {0: table}
-    numbers = table.values(table.instance, raw=True)
-    return {int(number): Selection(table, numbers == number) for number in np.unique(numbers)}
+    return dict(table.selections)
 
 
 def whole_ns(ns: Floats) -> Stamps:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.log import Log, once_per_log
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, distinct
 
 
@@ -117,6 +117,7 @@ _SHORTEST_NS = 20_000_000
 _MOST_TABLES = 12
 
 
+@once_per_log
 def log_pauses(log: Log) -> Stamps:
     """(N, 2) begin and end of every span without rows of any dense message.
 
@@ -132,6 +133,7 @@ def log_pauses(log: Log) -> Stamps:
     return np.stack([merged[wide], merged[wide + 1]], axis=1)
 
 
+@once_per_log
 def _dense(log: Log) -> list[Stamps]:
     dense = []
     for table in sorted(log.tables.values(), key=len, reverse=True)[:_MOST_TABLES]:

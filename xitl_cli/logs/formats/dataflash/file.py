@@ -113,7 +113,7 @@ class DataFlashLog(Log):
         return parts
 
     def _find(self, type_id: int) -> NDArray[np.int64]:
-        """Offsets of a type's rows: searched for the first few types, then then those of all types are sorted at once."""
+        """Offsets of a type's rows: searched for the first few types, then taken from an order of all records."""
         found = self._index.found
         self._looked_for += 1
         if self._looked_for <= _SEARCHES:
@@ -176,7 +176,7 @@ class DataFlashLog(Log):
         return MappingProxyType({"types described": str(described), "types with rows": str(len(self.tables))})
 
     def close(self) -> None:
-        for name in ("tables", "_parts", "_sorted_records", "_times"):
+        for name in ("tables", "_parts", "_sorted_records", "_times", "results"):
             self.__dict__.pop(name, None)
         self._copies.clear()
         self._data = np.empty(0, np.uint8)

@@ -128,9 +128,7 @@ def _slopes(time_s: Floats, values: Floats, firsts: NDArray[np.intp], ends: NDAr
         np.cumsum([time, time**2, *apart, *(time * apart)], axis=1, out=summed[:, 1:])
         window = summed[:, after - rows.start] - summed[:, begin - rows.start]
         mean_s = window[0] / (after - begin)
-        slopes[at : at + _WINDOWS_AT_ONCE] = (
-            (window[4:] - mean_s * window[2:4]) / (window[1] - mean_s * window[0])
-        ).T
+        slopes[at : at + _WINDOWS_AT_ONCE] = ((window[4:] - mean_s * window[2:4]) / (window[1] - mean_s * window[0])).T
     return slopes
 
 

@@ -13,7 +13,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.model.text import plural
-from xitl_cli.logs.signals import Series, StateSpan, ground_speed, yaw_rate
+from xitl_cli.logs.signals import Series, ground_speed, yaw_rate
 from xitl_cli.logs.signals import armed as log_armed
 from xitl_cli.logs.signals.gaps import Gap, Gaps, Regularity, gaps, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, SensorSeries
