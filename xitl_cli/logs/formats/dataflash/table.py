@@ -392,9 +392,10 @@ class RecordCopies:
         records = self._records(part, rows)
         if records is None:
             return read_field(self._data, part.place[rows], field)
-        shape, strides = (len(records),), records.strides
+        shape, strides = [len(records)], list(records.strides)
         if field.items > 1:
-            shape, strides = (*shape, field.items), (*strides, field.dtype.itemsize)
+            shape.append(field.items)
+            strides.append(field.dtype.itemsize)
         every: NDArray[Any] = np.ndarray(shape, field.dtype, records, field.at, strides)
         return every[rows].copy() if isinstance(rows, slice) else every[rows]
 
