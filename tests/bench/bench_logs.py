@@ -283,8 +283,8 @@ def void(*_: object) -> None:
 
 
 _OF_EACH: list[tuple[str, str, str, Callable[[Kind], list[float]]]] = [
-    ("every message, of pymavlink", ">= 40", "x", all_ratios),
-    ("all fields of its IMU, of pymavlink", ">= 60", "x", dense_ratios),
+    ("every message, of pymavlink", ">= 60", "x", all_ratios),
+    ("all fields of its IMU, of pymavlink", ">= 250", "x", dense_ratios),
     ("the same with opening, of the file", ">= 350", "MB/s", dense_mbps),
     ("its PM alone with opening, of pymavlink", ">= 1", "x", rare_ratios),
     ("its types, rows and span", "< 0.3", "s", info_s),

@@ -17,8 +17,8 @@ from xitl_cli.logs.clocks.time_line import AlignedLog
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
-from xitl_cli.logs.model.log import Log, LogView
-from xitl_cli.logs.model.table import by_instance
+from xitl_cli.logs.model.log import Log, LogView, once_per_log
+from xitl_cli.logs.model.table import by_instance, distinct
 
 
 def test_a_log_is_its_tables_and_a_table_its_columns() -> None:
@@ -36,6 +36,62 @@ def test_a_log_is_its_tables_and_a_table_its_columns() -> None:
         assert table["Roll"].shape == table.stamp_ns.shape == (len(table),)
         imu = by_instance(log["IMU"])[0]
         assert len(imu["GyrX"]) == len(imu)
+
+
+def test_a_part_of_a_column_is_that_part_of_the_whole_column() -> None:
+    with DataFlashLog(CALM) as read_in_parts, DataFlashLog(CALM) as read_at_once:
+        every = read_at_once.read()
+        for name in ("ATT", "IMU", "GPS", "MSG", "ISBD"):
+            if name not in every:
+                continue
+            table = read_in_parts[name]
+            odd = np.arange(len(table)) % 2 == 1
+            few = np.array([0, -1])
+            for column, values in every[name].items():
+                for rows in (slice(3), few, odd, np.flatnonzero(odd), slice(None), slice(3), few):
+                    np.testing.assert_array_equal(table.values(column, rows), values[rows])
+
+
+def test_a_changed_array_changes_nothing_in_the_log() -> None:
+    with DataFlashLog(CALM) as log:
+        for rows in (slice(None), slice(5), np.arange(5)):
+            before = log["ATT"].values("Roll", rows).copy()
+            log["ATT"].values("Roll", rows)[:] = 1e3
+            np.testing.assert_array_equal(log["ATT"].values("Roll", rows), before)
+
+
+def test_an_instance_that_is_no_number_makes_no_instances() -> None:
+    for numbers in (np.array(["", "1"]), np.ones((2, 3))):
+        table = MadeTable("IMU", [1, 2], {"I": numbers, "GyrX": [0.0, 1.0]}, instance="I")
+        assert by_instance(table) == {0: table}
+
+
+def test_instances_are_by_number() -> None:
+    for code in ("u1", "i2", "f8"):
+        numbers = np.array([2, 0, 2, 0, 2], code)
+        parts = by_instance(MadeTable("IMU", range(5), {"I": numbers, "GyrX": np.arange(5.0)}, instance="I"))
+        assert {number: part["GyrX"].tolist() for number, part in parts.items()} == {0: [1, 3], 2: [0, 2, 4]}
+        assert parts[2].stamp_ns.tolist() == [0, 2, 4]
+
+
+def test_distinct_stamps_are_sorted_and_unique() -> None:
+    rng = np.random.default_rng(3)
+    for count in (0, 1, 2, 1000):
+        stamps = rng.integers(-50, 50, count)
+        np.testing.assert_array_equal(distinct(stamps), np.unique(stamps))
+
+
+def test_a_reader_reads_each_log_once() -> None:
+    reads = []
+
+    @once_per_log
+    def rows(log: Log) -> list[int]:
+        reads.append(log)
+        return [len(table) for table in log.tables.values()]
+
+    logs = [MadeLog(MadeTable("ATT", range(count), {"Roll": np.zeros(count)})) for count in (2, 3)]
+    assert [rows(log) for log in (*logs, *logs)] == [[2], [3], [2], [3]]
+    assert reads == logs
 
 
 @pytest.mark.parametrize(

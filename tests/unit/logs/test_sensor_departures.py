@@ -8,7 +8,13 @@ from made_log import MadeTable
 
 from xitl_cli.logs.signals.sensors import InertialUnit, SampleTimes, SensorKind, SensorSeries
 from xitl_cli.logs.signals.series import Series
-from xitl_cli.plugins.logs.analyses.sensor_departures import field_error, field_steps, gyro_steps, pressure_steps
+from xitl_cli.plugins.logs.analyses.sensor_departures import (
+    field_error,
+    field_steps,
+    gyro_steps,
+    pressure_steps,
+    rotations,
+)
 
 S = 1_000_000_000
 END_S = 120.0
@@ -63,7 +69,7 @@ def compass(bias_mgauss: tuple[float, float, float], from_s: float, until_s: flo
 
 @pytest.mark.parametrize("bias", [(30.0, 66.5, 0.0), (-60.0, 41.5, 10.0)])
 def test_interference_has_onset_end_and_size_while_the_vessel_turns(bias: tuple[float, float, float]) -> None:
-    (step,) = field_steps(unit(), compass(bias, 60.0, 80.0))
+    (step,) = field_steps(rotations(unit()), compass(bias, 60.0, 80.0))
     assert step.from_ns / S == pytest.approx(60.0, abs=0.2)
     assert step.until_ns is not None
     assert step.until_ns / S == pytest.approx(80.0, abs=0.2)
@@ -71,13 +77,13 @@ def test_interference_has_onset_end_and_size_while_the_vessel_turns(bias: tuple[
 
 
 def test_a_lasting_error_of_a_compass_has_an_onset_and_no_end() -> None:
-    (step,) = field_steps(unit(), compass((50.0, -30.0, 20.0), 60.0, END_S + 1.0))
+    (step,) = field_steps(rotations(unit()), compass((50.0, -30.0, 20.0), 60.0, END_S + 1.0))
     assert step.from_ns / S == pytest.approx(60.0, abs=0.2)
     assert step.until_ns is None
 
 
 def test_turning_and_noise_are_no_step_of_the_field() -> None:
-    assert field_steps(unit(), compass((0.0, 0.0, 0.0), 60.0, 80.0)) == []
+    assert field_steps(rotations(unit()), compass((0.0, 0.0, 0.0), 60.0, 80.0)) == []
 
 
 def test_a_pressure_that_is_off_for_a_time_has_onset_end_and_size() -> None:
@@ -108,7 +114,7 @@ def test_a_bias_of_the_gyroscope_is_measured_by_the_heading_of_the_compass(bias_
 
 def test_interference_of_the_compass_is_no_bias_of_the_gyroscope() -> None:
     off = compass((30.0, 66.5, 0.0), 60.0, 80.0)
-    assert gyro_steps(unit(), level(), level(), off, field_steps(unit(), off)) == []
+    assert gyro_steps(unit(), level(), level(), off, field_steps(rotations(unit()), off)) == []
 
 
 def with_error(error: np.ndarray) -> SensorSeries:
@@ -118,7 +124,7 @@ def with_error(error: np.ndarray) -> SensorSeries:
 
 
 def test_an_error_from_the_start_of_the_log_has_a_size() -> None:
-    error = field_error(unit(), compass((60.0, -45.0, 0.0), 0.0, END_S + 1.0), None)
+    error = field_error(rotations(unit()), compass((60.0, -45.0, 0.0), 0.0, END_S + 1.0), None)
     assert error is not None
     assert error.offset_mgauss == pytest.approx(np.array([60.0, -45.0]), abs=6.0)
     assert not error.growth_mgauss_per_s.any()
@@ -126,7 +132,7 @@ def test_an_error_from_the_start_of_the_log_has_a_size() -> None:
 
 def test_an_error_that_grows_slowly_has_a_rate() -> None:
     time_s = np.arange(0.0, END_S, 0.1)
-    error = field_error(unit(), with_error(np.outer(time_s / END_S, [0.0, 90.0, 0.0])), None)
+    error = field_error(rotations(unit()), with_error(np.outer(time_s / END_S, [0.0, 90.0, 0.0])), None)
     assert error is not None
     assert error.growth_mgauss_per_s * END_S == pytest.approx(np.array([0.0, 90.0]), abs=9.0)
     assert not error.offset_mgauss.any()
@@ -135,7 +141,7 @@ def test_an_error_that_grows_slowly_has_a_rate() -> None:
 def test_an_error_that_follows_the_motors_is_their_current() -> None:
     time_s = np.arange(0.0, END_S, 0.1)
     drive = (0.6 + 0.3 * np.sin(0.7 * time_s)) ** 2
-    error = field_error(unit(), with_error(np.outer(drive, [70.0, 30.0, 20.0])), drive)
+    error = field_error(rotations(unit()), with_error(np.outer(drive, [70.0, 30.0, 20.0])), drive)
     assert error is not None
     assert error.drive_mgauss == pytest.approx(np.array([70.0, 30.0]), abs=8.0)
     assert not error.offset_mgauss.any()
@@ -144,7 +150,7 @@ def test_an_error_that_follows_the_motors_is_their_current() -> None:
 
 def test_a_good_compass_has_no_lasting_error() -> None:
     drive = (0.6 + 0.3 * np.sin(0.07 * np.arange(0.0, END_S, 0.1))) ** 2
-    error = field_error(unit(), compass((0.0, 0.0, 0.0), 0.0, 0.0), drive)
+    error = field_error(rotations(unit()), compass((0.0, 0.0, 0.0), 0.0, 0.0), drive)
     assert error is not None
     assert not any(part.any() for part in (error.offset_mgauss, error.growth_mgauss_per_s, error.drive_mgauss))
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from xitl_cli.logs.model.log import Log, LogView
-from xitl_cli.logs.model.table import Floats, Stamps, whole_ns
+from xitl_cli.logs.model.table import Flags, Floats, Stamps, whole_ns
 from xitl_cli.logs.model.text import clock_text
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import armed
@@ -166,4 +166,8 @@ class LogClock:
 
     def was_armed(self, *at_ns: int) -> bool:
         """Whether the motors were armed at any of these instants."""
-        return bool(inside(np.array(at_ns, dtype=np.int64), self.armed).any())
+        return bool(self.armed_rows(np.array(at_ns, dtype=np.int64)).any())
+
+    def armed_rows(self, at_ns: Stamps) -> Flags:
+        """(N,) whether the motors were armed at each of these instants."""
+        return inside(at_ns, self.armed)

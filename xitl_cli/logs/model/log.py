@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.model.text import resolve_name
@@ -223,6 +224,23 @@ class Log(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+_Result = TypeVar("_Result")
+
+
+def once_per_log(read: Callable[[Log], _Result]) -> Callable[[Log], _Result]:
+    """Let a reader read a log once: the log keeps the result for other callers, which must not change it."""
+
+    @wraps(read)
+    def kept(log: Log) -> _Result:
+        results = vars(log).setdefault("results", {})
+        if read not in results:
+            results[read] = read(log)
+        result: _Result = results[read]
+        return result
+
+    return kept
 
 
 class LogView(Log):

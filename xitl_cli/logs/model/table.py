@@ -12,6 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import Any, Literal
 
@@ -104,6 +105,20 @@ class Table(ABC):
         stamps = self.stamp_ns
         return (int(stamps[0]), int(stamps[-1])) if len(stamps) else None
 
+    @cached_property
+    def selections(self) -> Mapping[int, Table]:
+        """One table per instance, by its number; the table itself as 0 if it has no instances.
+
+        In a damaged log, the column of the instance can be a text or an array. The table then has no instances.
+        """
+        column = None if self.instance is None else self.columns[self.instance]
+        if column is None or column.kind != "number" or column.shape:
+            return {0: self}
+        numbers = self.values(column.name, raw=True)
+        small = numbers.dtype == np.uint8
+        every = np.flatnonzero(np.bincount(numbers)) if small else np.unique(numbers)
+        return {int(number): Selection(self, numbers == number) for number in every}
+
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Like `values`, for all rows. Raises UnknownNameError, which names the nearest column."""
         return self.values(column_named(self, column))
@@ -138,9 +153,11 @@ class Selection(Table):
     def __len__(self) -> int:
         return len(self._index)
 
-    @property
+    @cached_property
     def stamp_ns(self) -> NDArray[np.int64]:
-        return self._table.stamp_ns[self._index]
+        stamps = self._table.stamp_ns[self._index]
+        stamps.flags.writeable = False
+        return stamps
 
     @property
     def file_offset(self) -> NDArray[np.int64]:
@@ -152,10 +169,7 @@ class Selection(Table):
 
 def by_instance(table: Table) -> dict[int, Table]:
     """One table per instance, by its number; the table itself as 0 if it has no instances."""
-    if table.instance is None:
-        return {0: table}
-    numbers = table.values(table.instance, raw=True)
-    return {int(number): Selection(table, numbers == number) for number in np.unique(numbers)}
+    return dict(table.selections)
 
 
 def whole_ns(ns: Floats) -> Stamps:
@@ -166,6 +180,14 @@ def whole_ns(ns: Floats) -> Stamps:
 def seconds_since(zero_ns: int, stamp_ns: Stamps) -> Floats:
     """(N,) seconds since the stamp `zero_ns`."""
     return np.multiply(stamp_ns - zero_ns, 1e-9, dtype=np.float64)
+
+
+def distinct(stamp_ns: Stamps) -> Stamps:
+    """(D,) sorted stamps without repetitions. Nearly sorted stamps take a fraction of the time of `np.unique`."""
+    ordered = np.sort(stamp_ns, kind="stable")
+    first = np.ones(len(ordered), dtype=np.bool_)
+    np.not_equal(ordered[1:], ordered[:-1], out=first[1:])
+    return ordered[first]
 
 
 def rising(stamp_ns: Stamps) -> Flags:

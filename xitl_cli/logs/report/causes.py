@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from xitl_cli.logs.model.sections import Finding, Severity
 from xitl_cli.logs.report.file_report import FileFinding, FileReport, ReportedFiles
@@ -276,6 +277,13 @@ def _cause(effect: _Placed, every: Sequence[_Placed]) -> int | None:
     return min(candidates)[-1] if candidates else None
 
 
+@lru_cache(4096)  # a log with hundreds of findings has few kinds of them
+def _reach_s(cause_key: str, key: str) -> float | None:
+    """Time in which a finding of one kind can cause one of another, by the rule that allows most; None if none does."""
+    allowed = (rule for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences))
+    return max((rule.after_s for rule in allowed), default=None)
+
+
 def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | None:
     """Span of a cause for this finding; None if no rule allows it or the cause is later.
 
@@ -284,16 +292,16 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
     key, cause_key = effect.found.finding.key, cause.found.finding.key
     if key in _ANSWERS and not is_kind(cause_key, _ANSWERS[key]):
         return None
-    reach_s = [rule.after_s for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
-    if not reach_s:
+    reach_s = _reach_s(cause_key, key)
+    if reach_s is None:
         return None
-    if max(reach_s) == WHOLE_LOG:
+    if reach_s == WHOLE_LOG:
         return (-math.inf, math.inf) if effect.file == cause.file else None
     if not effect.spans:
         return None
     explained = [
         next(
-            (span for span in cause.spans if span[0] - _TOGETHER_S <= at <= cause.explains_until_s(span, max(reach_s))),
+            (span for span in cause.spans if span[0] - _TOGETHER_S <= at <= cause.explains_until_s(span, reach_s)),
             None,
         )
         for at, _ in effect.spans

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.log import Log, once_per_log
 from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, first_of
 from xitl_cli.logs.signals.motion import topic_source
 from xitl_cli.logs.signals.sensors import sample_times
@@ -81,6 +81,7 @@ _OLD_PX4 = "vehicle_gps_position"
 """The receivers of PX4 until 1.11; since then, PX4's combination of all receivers."""
 
 
+@once_per_log
 def gnss_receivers(log: Log) -> list[GnssReceiver]:
     """Every instance with at least three rows and at any time a fix or a satellite."""
     tables = [*(tables_of(log, _KINDS) or tables_of(log, (_OLD_PX4,)))]

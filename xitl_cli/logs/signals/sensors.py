@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.log import Log, once_per_log
 from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance, first_of
 from xitl_cli.logs.signals.motion import ground_speed
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, stacked, tables_of
@@ -65,6 +65,7 @@ _TEMPERATURES = ("T", "Temp", "temperature")
 _SAMPLE_CLOCKS = (("SampleUS", 1000), ("time_usec", 1000), ("time_boot_ms", 1_000_000))
 
 
+@once_per_log
 def inertial_units(log: Log) -> list[InertialUnit]:
     """Every inertial unit with at least three rows and any value that is not 0."""
     found: list[InertialUnit] = []

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.model.log import Log, once_per_log
+from xitl_cli.logs.model.table import Flags, Floats, Stamps, distinct
 
 
 def runs(flags: Flags) -> list[tuple[int, int]]:
@@ -117,6 +117,7 @@ _SHORTEST_NS = 20_000_000
 _MOST_TABLES = 12
 
 
+@once_per_log
 def log_pauses(log: Log) -> Stamps:
     """(N, 2) begin and end of every span without rows of any dense message.
 
@@ -126,12 +127,13 @@ def log_pauses(log: Log) -> Stamps:
     dense = _dense(log)
     if len(dense) < 2:
         return np.empty((0, 2), dtype=np.int64)
-    merged = np.unique(np.concatenate(dense))
+    merged = distinct(np.concatenate(dense))
     steps = np.diff(merged)
     wide = np.flatnonzero(steps > max(_SHORTEST_NS, 3.0 * float(np.percentile(steps, 90.0))))
     return np.stack([merged[wide], merged[wide + 1]], axis=1)
 
 
+@once_per_log
 def _dense(log: Log) -> list[Stamps]:
     dense = []
     for table in sorted(log.tables.values(), key=len, reverse=True)[:_MOST_TABLES]:

@@ -24,6 +24,7 @@ from xitl_cli.logs.formats.dataflash.records import (
 from xitl_cli.logs.formats.dataflash.table import (
     DataFlashTable,
     DefinitionRows,
+    RecordCopies,
     Times,
     decode_text,
     read_columns,
@@ -57,6 +58,7 @@ class DataFlashLog(Log):
             raise LogError(f"{path}: is not a DataFlash log, because it is empty; choose a .bin file of ArduPilot")
         self._index: RecordIndex = index_records(self._data, self._forget_huge)
         self._looked_for = 0
+        self._copies = RecordCopies(self._data)
         if len(self._index.found.place) <= self._index.found.losses.suspect:  # all of them are doubtful
             self.close()
             if self._index.found.unknown:
@@ -81,7 +83,7 @@ class DataFlashLog(Log):
         meaning = meanings(self._data, parts)
         return MappingProxyType(
             {
-                name: DataFlashTable(name, self._data, parts[name], meaning, lambda: self._times)
+                name: DataFlashTable(name, parts[name], meaning, lambda: self._times, self._copies)
                 for name in sorted(parts)
             }
         )
@@ -111,19 +113,19 @@ class DataFlashLog(Log):
         return parts
 
     def _find(self, type_id: int) -> NDArray[np.int64]:
-        """Offsets of a type's rows: searched for the first few types, then sorted for all types at once."""
+        """Offsets of a type's rows: searched for the first few types, then taken from an order of all records."""
         found = self._index.found
         self._looked_for += 1
         if self._looked_for <= _SEARCHES:
             return found.place[np.flatnonzero(found.type_id == type_id)]  # faster than indexing with the mask
-        return self._sorted_places[type_id]
+        return found.place.take(self._sorted_records[type_id])
 
     @cached_property
-    def _sorted_places(self) -> list[NDArray[np.int64]]:
-        """Offsets by type number."""
-        found = self._index.found
-        ends = np.cumsum(np.bincount(found.type_id, minlength=256))
-        return np.split(found.place[np.argsort(found.type_id, kind="stable")], ends[:-1])
+    def _sorted_records(self) -> list[NDArray[np.intp]]:
+        """Numbers of the records by type number."""
+        type_id = self._index.found.type_id
+        ends = np.cumsum(np.bincount(type_id, minlength=256))
+        return np.split(np.argsort(type_id, kind="stable"), ends[:-1])
 
     def read(self, *, raw: bool = False) -> dict[str, dict[str, NDArray[Any]]]:
         """Every column of every table, by name of table and of column."""
@@ -174,8 +176,9 @@ class DataFlashLog(Log):
         return MappingProxyType({"types described": str(described), "types with rows": str(len(self.tables))})
 
     def close(self) -> None:
-        for name in ("tables", "_parts", "_sorted_places", "_times"):
+        for name in ("tables", "_parts", "_sorted_records", "_times", "results"):
             self.__dict__.pop(name, None)
+        self._copies.clear()
         self._data = np.empty(0, np.uint8)
         self._bytes.close()
 

@@ -339,7 +339,8 @@ def find_heads(data: Bytes, forget: Forget) -> Heads:
             below = bits - _ONE
             rest = bits & below
             found.append((groups << 3) + (np.bitwise_count(below & ~bits) >> 3))
-        place = np.asarray(found[0], np.int64) if len(found) == 1 else np.sort(np.concatenate(found))
+        # All but a few are in order: only a stable sort makes use of that.
+        place = np.asarray(found[0], np.int64) if len(found) == 1 else np.sort(np.concatenate(found), kind="stable")
         place += at
         places.append(place)
         type_ids.append(data[place + 2])

@@ -216,10 +216,12 @@ def _with_replaced(mended: _ReplacedStamps, place: Places, stored_ns: Stamps) ->
     return np.where(mended.place[at] == place, mended.stamp_ns[at], stored_ns)
 
 
-_WINDOW = 8 << 20
+_WINDOW = 4 << 20
 """Bytes of the file from which rows of all types are read before the next: they stay in the processor's cache."""
-_ROWS_AT_ONCE = 16_384
+_ROWS_AT_ONCE = 8192
 """Rows read at a time."""
+_TOUCHED_ROWS = 2048
+"""Records of which every part that the processor loads fits in its second cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,6 +234,9 @@ class ColumnJob:
     """Field, divisor, multiplier and output. A field without conversion goes to an array of its own type, else to
     float64."""
     layout: np.dtype[np.void]
+    """Of a record."""
+    names: Sequence[str]
+    """Of the fields in `layout`."""
 
 
 def read_field(data: Bytes, place: Places, field: RecordField) -> NDArray[Any]:
@@ -247,19 +252,20 @@ def read_field(data: Bytes, place: Places, field: RecordField) -> NDArray[Any]:
 def column_job(place: Places, length: int, fields: Sequence[tuple[RecordField, float, float]]) -> ColumnJob:
     """A job with an output array for each of these fields, with their divisors and multipliers."""
     count, listed = len(place), []
+    names = [str(number) for number in range(len(fields))]
     for field, divisor, multiplier in fields:
         plain = divisor == multiplier == 1.0
         shape = (count, field.items) if field.items > 1 else (count,)
         listed.append((field, divisor, multiplier, np.empty(shape, field.dtype if plain else np.float64)))
     layout = np.dtype(
         {
-            "names": [str(number) for number in range(len(fields))],
+            "names": names,
             "formats": [(field.dtype, field.items) if field.items > 1 else field.dtype for field, *_ in fields],
             "offsets": [field.at for field, *_ in fields],
             "itemsize": length,
         }
     )
-    return ColumnJob(place, length, listed, layout)
+    return ColumnJob(place, length, listed, layout, names)
 
 
 def read_columns(data: Bytes, many: Sequence[ColumnJob], forget: Forget | None = None) -> None:
@@ -272,24 +278,41 @@ def read_columns(data: Bytes, many: Sequence[ColumnJob], forget: Forget | None =
         edges = np.array([0, len(data)])
     cuts = [np.searchsorted(job.place, edges).tolist() for job in many]
 
+    everywhere = [_every(data, job.length) for job in many]
     for at in range(len(edges) - 1):
-        for job, cut in zip(many, cuts, strict=True):
+        for job, every, cut in zip(many, everywhere, cuts, strict=True):
             for start in range(cut[at], cut[at + 1], _ROWS_AT_ONCE):
-                _fill_rows(data, job, start, min(start + _ROWS_AT_ONCE, cut[at + 1]))
+                _fill_rows(data, every, job, start, min(start + _ROWS_AT_ONCE, cut[at + 1]))
         if forget is not None:
             forget(int(edges[at]), int(edges[at + 1]))
 
 
-def _fill_rows(data: Bytes, job: ColumnJob, start: int, stop: int) -> None:
-    table = _every(data, job.length)[job.place[start:stop]].view(job.layout)
-    for number, (_, divisor, multiplier, out) in enumerate(job.fields):
-        column = table[str(number)]
+def _fill_rows(data: Bytes, every: NDArray[np.void], job: ColumnJob, start: int, stop: int) -> None:
+    table = _records_at(data, every, job.place[start:stop]).view(job.layout)
+    for name, (_, divisor, multiplier, out) in zip(job.names, job.fields, strict=True):
         if divisor != 1.0:
-            np.divide(column, divisor, out=out[start:stop])
+            np.divide(table[name], divisor, out=out[start:stop])
         elif multiplier != 1.0:
-            np.multiply(column, multiplier, out=out[start:stop])
+            np.multiply(table[name], multiplier, out=out[start:stop])
         else:
-            out[start:stop] = column
+            out[start:stop] = table[name]
+
+
+def _records_at(data: Bytes, every: NDArray[np.void], place: Places) -> NDArray[np.void]:
+    """(n,) records at these offsets. every: as `_every` returns it.
+
+    The first and the last byte of each are read before. In these loops, which do nothing else, the processor waits for
+    many places of the memory at once. "wrap" is the mode with the shortest loop.
+    """
+    ends = data[every.itemsize - 1 :]
+    if len(place) <= _TOUCHED_ROWS:
+        data.take(place, mode="wrap")
+        ends.take(place, mode="wrap")
+        return every[place]
+    records = np.empty(len(place), every.dtype)
+    for at in range(0, len(place), _TOUCHED_ROWS):
+        records[at : at + _TOUCHED_ROWS] = _records_at(data, every, place[at : at + _TOUCHED_ROWS])
+    return records
 
 
 def _every(data: Bytes, width: int) -> NDArray[np.void]:
@@ -347,6 +370,56 @@ class DefinitionRows:
         return self._find()
 
 
+_MOST_COPIED = 256 << 20
+_GOOD_PART = 8
+"""Share of the rows of a type, as a divisor, from which all of its records are copied."""
+
+
+class RecordCopies:
+    """Reads fields, from copies of the records of a type.
+
+    Records of a type are far apart in the file: to read one field of them takes as long as to copy them, and fields of
+    the copy take a fraction of that. Up to 256 MiB are kept; the type that was not read for longest goes first.
+    """
+
+    def __init__(self, data: Bytes) -> None:
+        self._data = data
+        self._copies: dict[DefinitionRows, NDArray[np.void]] = {}
+
+    def read(self, part: DefinitionRows, field: RecordField, rows: Rows) -> NDArray[Any]:
+        """(n,) or (n, items) values of a field as stored, of these rows."""
+        records = self._records(part, rows)
+        if records is None:
+            return read_field(self._data, part.place[rows], field)
+        shape, strides = [len(records)], list(records.strides)
+        if field.items > 1:
+            shape.append(field.items)
+            strides.append(field.dtype.itemsize)
+        every: NDArray[Any] = np.ndarray(shape, field.dtype, records, field.at, strides)
+        return every[rows].copy() if isinstance(rows, slice) else every[rows]
+
+    def fill(self, jobs: Sequence[ColumnJob]) -> None:
+        """Fill the arrays of all jobs from the file."""
+        read_columns(self._data, jobs)
+
+    def clear(self) -> None:
+        self._data = np.empty(0, np.uint8)
+        self._copies.clear()
+
+    def _records(self, part: DefinitionRows, rows: Rows) -> NDArray[np.void] | None:
+        """All records of a type; None if few of them are wanted, or if they are too large."""
+        records = self._copies.pop(part, None)
+        if records is None:
+            many = rows == ALL if isinstance(rows, slice) else _GOOD_PART * len(rows) >= len(part)
+            if not many or not len(part) or len(part) * part.definition.length > _MOST_COPIED:
+                return None
+            records = _records_at(self._data, _every(self._data, part.definition.length), part.place)
+        self._copies[part] = records
+        while sum(copy.nbytes for copy in self._copies.values()) > _MOST_COPIED:
+            del self._copies[next(iter(self._copies))]
+        return records
+
+
 @dataclass(frozen=True, slots=True)
 class _TypedRows:
     """A part and its columns."""
@@ -363,10 +436,15 @@ class DataFlashTable(Table):
     """
 
     def __init__(
-        self, name: str, data: Bytes, parts: Sequence[DefinitionRows], meaning: Meaning, times: Callable[[], Times]
+        self,
+        name: str,
+        parts: Sequence[DefinitionRows],
+        meaning: Meaning,
+        times: Callable[[], Times],
+        copies: RecordCopies,
     ) -> None:
         self.name = name
-        self._data = data
+        self._copies = copies
         self._parts = [_TypedRows(part, _columns(name, part.definition, meaning)) for part in parts]
         self._times = times
         measures = ((name, measure) for rows in self._parts for name, (_, measure, _) in rows.columns.items())
@@ -396,11 +474,11 @@ class DataFlashTable(Table):
 
     @cached_property
     def stamp_ns(self) -> NDArray[np.int64]:
-        return self._whole([self._stamps(rows.part, rows.part.place) for rows in self._parts])
+        return self._whole([self._stamps(rows.part, ALL) for rows in self._parts])
 
     def stored_ns(self) -> NDArray[np.int64]:
         """(N,) stamps as stored, including implausible ones."""
-        return self._whole([self._stored(rows.part, rows.part.place) for rows in self._parts])
+        return self._whole([self._stored(rows.part, ALL) for rows in self._parts])
 
     @property
     def ends_ns(self) -> tuple[int, int] | None:
@@ -409,7 +487,7 @@ class DataFlashTable(Table):
             return None
         if len(self._parts) > 1:
             return int(self.stamp_ns[0]), int(self.stamp_ns[-1])
-        first_ns, last_ns = self._stamps(self._parts[0].part, self.file_offset[[0, -1]]).tolist()
+        first_ns, last_ns = self._stamps(self._parts[0].part, np.array([0, -1])).tolist()
         return first_ns, last_ns
 
     def _whole(self, parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
@@ -422,28 +500,29 @@ class DataFlashTable(Table):
         """Whether all rows have their own time."""
         return all(rows.part.definition.time is not None for rows in self._parts)
 
-    def _stamps(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
+    def _stamps(self, part: DefinitionRows, rows: Rows) -> NDArray[np.int64]:
+        place = part.place[rows]
         if part.definition.time is None:
             return self._times().last_before(place)
-        return self._times().with_replaced(place, self._stored(part, place))
+        return self._times().with_replaced(place, self._stored(part, rows))
 
-    def _stored(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
+    def _stored(self, part: DefinitionRows, rows: Rows) -> NDArray[np.int64]:
         assert part.definition.time is not None
         field, unit_ns = part.definition.time
-        return stamps_ns(read_field(self._data, place, field), unit_ns)
+        return stamps_ns(self._copies.read(part, field, rows), unit_ns)
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         known = self.columns[column]
         if self._order is None:
-            return self._values(self._parts[0], self.file_offset[rows], known, raw=raw)
-        whole = [self._values(rows, rows.part.place, known, raw=raw) for rows in self._parts]
+            return self._values(self._parts[0], rows, known, raw=raw)
+        whole = [self._values(typed, ALL, known, raw=raw) for typed in self._parts]
         return np.concatenate(whole)[self._order][rows]
 
-    def _values(self, rows: _TypedRows, place: Places, known: Column, *, raw: bool) -> NDArray[Any]:
-        field, measure, column = rows.columns.get(known.name, (None, NOTHING, known))
+    def _values(self, typed: _TypedRows, rows: Rows, known: Column, *, raw: bool) -> NDArray[Any]:
+        field, measure, column = typed.columns.get(known.name, (None, NOTHING, known))
         if field is None or (column.kind, column.shape) != (known.kind, known.shape):
-            return _missing(known, len(place))
-        values = read_field(self._data, place, field)
+            return _missing(known, len(typed.part.place[rows]))
+        values = self._copies.read(typed.part, field, rows)
         divisor, multiplier = field.conversion(measure, raw=raw)
         if divisor != 1.0:
             return np.asarray(np.divide(values, divisor, dtype=np.float64))
@@ -454,7 +533,7 @@ class DataFlashTable(Table):
     def read(self, *, raw: bool = False) -> dict[str, NDArray[Any]]:
         """Read all columns at once, which is faster than one by one."""
         jobs = self.jobs(raw=raw)
-        read_columns(self._data, jobs)
+        self._copies.fill(jobs)
         return self.filled(jobs)
 
     def jobs(self, *, raw: bool = False) -> list[ColumnJob]:

@@ -99,7 +99,7 @@ def _drifts(receiver: GnssReceiver, rows: NDArray[np.intp]) -> Iterator[Departur
     ends = np.searchsorted(time_s, time_s + WINDOW_S)
     whole = ends < len(time_s)
     firsts, ends = np.flatnonzero(whole), ends[whole]
-    slope = np.array([_slope(time_s[a:b], apart_m[a:b]) for a, b in zip(firsts, ends, strict=True)]).reshape(-1, 2)
+    slope = _slopes(time_s, apart_m, firsts, ends)
     for begin, after in _joined(runs(np.linalg.norm(slope, axis=1) > DRIFT_MPS), 25):
         first, last = int(firsts[begin]), int(ends[after - 1])
         if (departure := _fitted_drift(receiver.stamp_ns[rows], time_s, apart_m, first, last)) is not None:
@@ -110,6 +110,26 @@ def _slope(time_s: Floats, values: Floats) -> Floats:
     centred = time_s - time_s.mean()
     slope: Floats = centred @ (values - values.mean(axis=0)) / (centred @ centred)
     return slope
+
+
+_WINDOWS_AT_ONCE = 1024
+"""Windows whose sums begin at the same row: they are near each other, so that the sums stay exact."""
+
+
+def _slopes(time_s: Floats, values: Floats, firsts: NDArray[np.intp], ends: NDArray[np.intp]) -> Floats:
+    """(W, 2) slope of the values (N, 2) in each window of rows, by least squares. firsts, ends: (W,) rising."""
+    slopes = np.empty((len(firsts), 2))
+    for at in range(0, len(firsts), _WINDOWS_AT_ONCE):
+        begin, after = firsts[at : at + _WINDOWS_AT_ONCE], ends[at : at + _WINDOWS_AT_ONCE]
+        rows = slice(int(begin[0]), int(after[-1]))
+        time = time_s[rows] - time_s[(rows.start + rows.stop) // 2]
+        apart = (values[rows] - values[rows.start]).T
+        summed = np.zeros((6, len(time) + 1))
+        np.cumsum([time, time**2, *apart, *(time * apart)], axis=1, out=summed[:, 1:])
+        window = summed[:, after - rows.start] - summed[:, begin - rows.start]
+        mean_s = window[0] / (after - begin)
+        slopes[at : at + _WINDOWS_AT_ONCE] = ((window[4:] - mean_s * window[2:4]) / (window[1] - mean_s * window[0])).T
+    return slopes
 
 
 def _joined(spans: object, most_rows: int) -> list[tuple[int, int]]:

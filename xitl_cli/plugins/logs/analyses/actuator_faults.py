@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -330,12 +331,10 @@ class _Fit:
         """The fit with commands delayed by a first-order lag."""
         if lag_s <= 0.0:
             return self
-        share = 1.0 - np.exp(-1.0 / (RATE_HZ * lag_s))
+        share = 1.0 - float(np.exp(-1.0 / (RATE_HZ * lag_s)))
         slow = np.empty_like(self.commands)
-        state = self.commands[0]
-        for place, command in enumerate(self.commands):
-            state = state + share * (command - state)
-            slow[place] = state
+        for output, commands in enumerate(self.commands.T.tolist()):
+            slow[:, output] = list(accumulate(commands, lambda state, command: state + share * (command - state)))
         return _Fit(self.motion, slow, self.sides)  # a wrong lag can turn the sides round
 
 
@@ -345,7 +344,8 @@ def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
     if len(first.rows) < _FEWEST_ROWS:
         return []
     # Choose the lag by the best fit with a fault: a fault that the model lacks makes a wrong lag look good.
-    searches = [_Search(first.lagged(lag_s), _scales(first)) for lag_s in _LAGS_S]
+    scales = _scales(first)
+    searches = [_Search(first.lagged(lag_s), scales) for lag_s in _LAGS_S]
     search = min(searches, key=_Search.least_squares)
     faults: list[ActuatorFault] = []
     while len(faults) < _MOST_FAULTS and (fault := search.next_fault()) is not None:

@@ -32,6 +32,7 @@ _FINER = 0.8  # share of the error without a shift, required for a delay
 _SHIFT_S, _MOST_ROWS = 0.05, 20_000
 _STEP_WITHIN_S, _BEGINS_SHARE = 1.0, 0.1
 _HOLD_S, _HOLD_SHARE = 4.0, 0.15
+_HELD_ROWS = 256  # compared first; four times as many in each further step
 _SETTLED_SHARE = 0.1
 _ANSWER_S = 20.0  # after a step; later changes are effects of water and wind
 _LEAST_ROWS = 20
@@ -64,7 +65,7 @@ def response_delay_s(stamp_ns: Stamps, demanded: Floats, achieved: Floats, least
     if not parts or max(float(np.std(demanded[part])) for part in parts) < least:
         return None
     shifts_s = np.arange(0.0, LONGEST_DELAY_S, _SHIFT_S)
-    errors = np.array([_apart(stamp_ns, demanded, achieved, parts, shift_s) for shift_s in shifts_s])
+    errors = _squares_apart(stamp_ns, demanded, achieved, parts, shifts_s)
     best = int(np.nanargmin(errors))
     if best == len(errors) - 1 or errors[0] == 0.0:
         return None if best else 0.0
@@ -78,17 +79,21 @@ def response_delay_s(stamp_ns: Stamps, demanded: Floats, achieved: Floats, least
     return float(shifts_s[best] + between * (shifts_s[1] - shifts_s[0]))
 
 
-def _apart(stamp_ns: Stamps, demanded: Floats, achieved: Floats, parts: Sequence[slice], shift_s: float) -> float:
-    """Mean square difference, over the rows that every shift has, so that all shifts use the same rows."""
-    squares: list[Floats] = []
+def _squares_apart(
+    stamp_ns: Stamps, demanded: Floats, achieved: Floats, parts: Sequence[slice], shifts_s: Floats
+) -> Floats:
+    """(S,) mean square difference at each shift, over the rows that every shift has, so that all use the same rows."""
+    squares: list[list[Floats]] = [[] for _ in shifts_s]
     for part in parts:
-        seconds = (stamp_ns[part] - stamp_ns[part.start]) * 1e-9
+        seconds, there = (stamp_ns[part] - stamp_ns[part.start]) * 1e-9, achieved[part]
         reach_s = min(LONGEST_DELAY_S, 0.25 * seconds[-1])
         kept = seconds <= seconds[-1] - reach_s
         some = np.flatnonzero(kept)[:: max(1, len(stamp_ns) // _MOST_ROWS)]
-        later = np.interp(seconds[some] + min(shift_s, reach_s), seconds, achieved[part])
-        squares.append((later - demanded[part][some]) ** 2)
-    return float(np.mean(np.concatenate(squares)))
+        at_s, wanted = seconds[some], demanded[part][some]
+        for apart, shift_s in zip(squares, shifts_s, strict=True):
+            later = np.interp(at_s + min(shift_s, reach_s), seconds, there)
+            apart.append((later - wanted) ** 2)
+    return np.array([float(np.mean(np.concatenate(apart))) for apart in squares])
 
 
 def step_responses(stamp_ns: Stamps, demanded: Floats, achieved: Floats, least: float) -> list[StepResponse]:
@@ -112,14 +117,24 @@ def _responses(
             continue
         settled_at = at + 1 + int(np.argmax(change))
         step = wanted[settled_at] - wanted[at]
-        moved = np.flatnonzero(np.abs(wanted[settled_at:] - wanted[settled_at]) > _HOLD_SHARE * abs(step))
-        end = settled_at + int(moved[0]) if len(moved) else len(seconds)
+        end = _held_until(wanted, settled_at, _HOLD_SHARE * abs(step))
         if seconds[end - 1] - seconds[settled_at] < _HOLD_S:
             continue
         response = _answered(stamp_ns[part][at:end], wanted[at:end], there[at:end], settled_at - at, least)
         if response is not None:
             yield response
         done = end - 1
+
+
+def _held_until(values: Floats, row: int, most: float) -> int:
+    """First row from this one on that differs from it by more than `most`; the number of rows if there is none."""
+    begin, many = row, _HELD_ROWS
+    while begin < len(values):  # most values are held only briefly
+        moved = np.abs(values[begin : begin + many] - values[row]) > most
+        if moved.any():
+            return begin + int(np.argmax(moved))
+        begin, many = begin + many, 4 * many
+    return len(values)
 
 
 def _answered(

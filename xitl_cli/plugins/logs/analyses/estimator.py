@@ -170,6 +170,7 @@ def analyse(log: Log) -> Section | None:
     core = cores.core_in_use(log, every, primary)
     tested_in_use = cores.test_ratios(log, [core] if core is not None else [])
     origin, used = cores.estimator_origin(log, every, clock), cores.filter_uses(log)
+    jumps = cores.estimate_jumps(log, core)
     if position is not None:
         position = position.while_in(clock.armed)
     if yaw is not None:
@@ -194,7 +195,7 @@ def analyse(log: Log) -> Section | None:
         *cores.never_positioned(every, clock),
         *_height(log, origin, clock),
         *cores.refusal_findings(tested_in_use, clock),
-        *cores.reset_findings(log, every, core, clock),
+        *cores.reset_findings(log, every, core, jumps, clock),
         *cores.unused_core_findings(log, every, clock),
         *cores.bias_findings(log, core, clock),
         *cores.agreement_findings(every, stray_m is not None, clock),
@@ -209,7 +210,7 @@ def analyse(log: Log) -> Section | None:
         evidence = (Evidence("SIM"), Evidence("GPS"))
         findings.append(Finding.notice("estimator.truth_of_another", sentence, evidence, step))
     armed = tuple(Mark(begin, "armed", end, Severity.OK) for begin, end in clock.armed[:50])
-    marks = (*armed, *cores.reset_marks(log, every, core))
+    marks = (*armed, *cores.reset_marks(log, every, jumps))
     ratios = cores.ratio_plot(tested, marks)
     plots = [*([] if ratios is None else [ratios]), *_innovations(core, marks), *truth_plots(position, yaw)]
     grids = [grid for grid in (_uses(used, clock), _refusals(tested, clock)) if grid is not None]

@@ -6,8 +6,9 @@ The messages are EKF3's XKF, EKF2's NKF, and EKF1 to EKF4 of the first filter, b
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from types import MappingProxyType
 
 import numpy as np
@@ -656,25 +657,35 @@ def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
             offsets = []
         else:
             north, east = (np.asarray(table.values(name), dtype=np.float64) for name in ("OFN", "OFE"))
-            rows = np.flatnonzero((north[1:] != north[:-1]) | (east[1:] != east[:-1])) + 1
+            moved = (north[1:] != north[:-1]) | (east[1:] != east[:-1])
+            rows = np.flatnonzero(moved & np.isfinite(north[1:]) & np.isfinite(east[1:])) + 1
+            source = f"{table.name}.OFN"
             offsets = [
-                EstimateJump(
-                    int(table.stamp_ns[row]), "position reset", math.hypot(north[row], east[row]), f"{table.name}.OFN"
+                EstimateJump(at_ns, "position reset", math.hypot(*offset), source)
+                for at_ns, *offset in zip(
+                    table.stamp_ns[rows].tolist(), north[rows].tolist(), east[rows].tolist(), strict=True
                 )
-                for row in rows.tolist()
-                if math.isfinite(north[row]) and math.isfinite(east[row])
             ]
         jumps += offsets
         event_spans = [(one.at_ns - _SAME_NS, one.at_ns + _SAME_NS) for one in jumps if abs(one.at_ns) < _LATEST_NS]
         steps = _steps(core)
-        known = inside(np.array([one.at_ns for one in steps], dtype=np.int64), event_spans)
+        known = inside(_instants(steps), event_spans)
         jumps += [one for one, twice in zip(steps, known.tolist(), strict=True) if not twice]
     return sorted(jumps, key=lambda jump: jump.at_ns)
 
 
+def _instants(jumps: Sequence[EstimateJump]) -> Stamps:
+    return np.array([jump.at_ns for jump in jumps], dtype=np.int64)
+
+
 def reset_findings(
-    log: Log, every: list[EstimatorCore], core: EstimatorCore | None, clock: LogClock
+    log: Log,
+    every: list[EstimatorCore],
+    core: EstimatorCore | None,
+    jumps: Sequence[EstimateJump],
+    clock: LogClock,
 ) -> Iterator[Finding]:
+    """Findings on core switches, on `jumps` of the estimate (`estimate_jumps`), and on the position."""
     lanes: list[Finding] = []
     switches = lane_switches(log, every)
     while_armed = [switch for switch in switches if clock.was_armed(switch[0])]
@@ -689,17 +700,21 @@ def reset_findings(
                 "Look at the test ratios of the core that was left, and at the IMU it used.",
             )
         )
-    found = [*lanes, *_jumped(estimate_jumps(log, core), clock)]
+    found = [*lanes, *_jumped(jumps, clock)]
     if core is not None:
         found += [*timeout_findings(core, clock), *fault_findings(core, clock)]
     yield from found
     yield from position_findings(log, core, clock)
 
 
-def reset_marks(log: Log, every: list[EstimatorCore], core: EstimatorCore | None) -> tuple[Mark, ...]:
+_MOST_MARKS = 200
+
+
+def reset_marks(log: Log, every: list[EstimatorCore], jumps: Sequence[EstimateJump]) -> tuple[Mark, ...]:
+    """Marks of the first core switches and jumps (`estimate_jumps`, in order of time)."""
     found = [Mark(at_ns, f"lane {lane}", None, Severity.WARNING) for at_ns, lane in lane_switches(log, every)]
-    found += [Mark(jump.at_ns, jump.what, None, Severity.NOTICE) for jump in estimate_jumps(log, core)]
-    return tuple(sorted(found, key=lambda mark: mark.at_ns)[:200])
+    found += [Mark(jump.at_ns, jump.what, None, Severity.NOTICE) for jump in jumps[:_MOST_MARKS]]
+    return tuple(sorted(found, key=lambda mark: mark.at_ns)[:_MOST_MARKS])
 
 
 def _steps(core: EstimatorCore) -> list[EstimateJump]:
@@ -717,15 +732,17 @@ def _steps(core: EstimatorCore) -> list[EstimateJump]:
         )
         size_m = np.hypot(np.diff(north), np.diff(east)) - fast_mps * step_s
         rows = np.flatnonzero((size_m > _JUMP_M) & (step_s > 0.0) & (step_s < _LONGEST_STEP_S) & was)
+    source = f"{table.name}.PN"
     return [
-        EstimateJump(int(table.stamp_ns[row + 1]), "position step", float(size_m[row]), f"{table.name}.PN")
-        for row in rows.tolist()
+        EstimateJump(at_ns, "position step", step_m, source)
+        for at_ns, step_m in zip(table.stamp_ns[rows + 1].tolist(), size_m[rows].tolist(), strict=True)
     ]
 
 
-def _jumped(every: list[EstimateJump], clock: LogClock) -> Iterator[Finding]:
+def _jumped(every: Sequence[EstimateJump], clock: LogClock) -> Iterator[Finding]:
+    while_armed = list(compress(every, clock.armed_rows(_instants(every)).tolist()))
     for what in dict.fromkeys(jump.what for jump in every):
-        these = [jump for jump in every if jump.what == what and clock.was_armed(jump.at_ns)]
+        these = [jump for jump in while_armed if jump.what == what]
         if not these:
             continue
         sizes = [jump.size_m for jump in these if jump.size_m is not None]

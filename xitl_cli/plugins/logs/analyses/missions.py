@@ -79,15 +79,15 @@ def leg_tracks(log: Log, plan: MissionVersion | None, legs: list[MissionLeg]) ->
     before: LoggedMissionItem | None = None
     for leg in legs:
         item = items.get(leg.seq)
-        rows = (geodetic.stamp_ns >= leg.from_ns) & (geodetic.stamp_ns <= leg.until_ns)
-        if item is None or rows.sum() < 2:
+        first = int(np.searchsorted(geodetic.stamp_ns, leg.from_ns))
+        after = int(np.searchsorted(geodetic.stamp_ns, leg.until_ns, side="right"))
+        if item is None or after - first < 2:
             found.append(LegTrack())
             before = item or before
             continue
         frame = LocalFrame(item.latitude_deg, item.longitude_deg, 0.0)
-        way = np.asarray(frame.ned(geodetic.values[rows, 0], geodetic.values[rows, 1], np.zeros(int(rows.sum()))))[
-            :, :2
-        ]
+        latitude_deg, longitude_deg = geodetic.values[first:after, :2].T
+        way = np.asarray(frame.ned(latitude_deg, longitude_deg, np.zeros(after - first)))[:, :2]
         start = way[0] if before is None else _path([before], item)[0]
         # Track of a leg. `way`: path relative to the waypoint at (0, 0). `start`: beginning of the line to
         # it.

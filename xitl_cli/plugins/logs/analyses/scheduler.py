@@ -14,7 +14,7 @@ from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.model.table import Flags, Floats, Stamps, distinct
 from xitl_cli.logs.signals.deadlines import (
     LONG_AT,
     LoopWindows,
@@ -75,7 +75,7 @@ def _pauses(log: Log, period_s: float | None) -> list[Stamps]:
         table = log.tables.get(name)
         if table is None or len(table) < 20:
             continue
-        stamps = np.unique(table.stamp_ns)
+        stamps = distinct(table.stamp_ns)
         if len(stamps) > 2 and float(np.median(np.diff(stamps))) * 1e-9 < 2.5 * period_s:
             found.append(stamps)
     return found

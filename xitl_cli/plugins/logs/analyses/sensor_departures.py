@@ -73,6 +73,16 @@ class SensorStep:
         return float(np.linalg.norm(self.size))
 
 
+@dataclass(frozen=True, slots=True)
+class Rotations:
+    """Rotations from body axes to those at the start, from the gyroscope alone."""
+
+    stamp_ns: Stamps
+    """(N,)"""
+    matrices: Floats
+    """(N, 3, 3)"""
+
+
 def departure_findings(log: Log, clock: LogClock) -> tuple[Finding, ...]:
     units = inertial_units(log) or injected_units(log)
     plain = sensor_series(log) or injected_series(log)
@@ -87,13 +97,14 @@ def departure_findings(log: Log, clock: LogClock) -> tuple[Finding, ...]:
     motors = [output for output in driven_outputs(log, parameter_values(log)) if output.drives]
     squares = [make_series(motor.series.stamp_ns, motor.command**2, "", motor.name) for motor in motors]
     first_steps: list[SensorStep] = []
+    turned = [rotations(unit) for unit in usable[:_MOST_UNITS]] if compasses else []
     for place, compass in enumerate(compasses if usable else ()):
-        steps = _unexplained(usable[:_MOST_UNITS], compass)
+        steps = _unexplained(turned, compass)
         first_steps = steps if place == 0 else first_steps
         findings += [_of_field(log, compass, step, clock, end_ns) for step in steps]
         # The current of the motors is about a multiple of the mean square of their commands.
         drives = [series.interpolated(compass.stamp_ns) for series in squares if series is not None]
-        error = field_error(usable[0], compass, np.mean(drives, axis=0) if drives else None, steps)
+        error = field_error(turned[0], compass, np.mean(drives, axis=0) if drives else None, steps)
         findings += [] if error is None else _of_field_error(compass, error)
     kind = vehicle_kind(log)
     for baro in (sensor for sensor in plain if sensor.sort == "barometer" and sensor.unit == "Pa"):
@@ -220,10 +231,10 @@ def _throttle_text(log: Log, compass: SensorSeries) -> str:
     return f"it does not follow the outputs (correlation {most:.2f})"
 
 
-def _unexplained(units: Sequence[InertialUnit], compass: SensorSeries) -> list[SensorStep]:
+def _unexplained(turned: Sequence[Rotations | None], compass: SensorSeries) -> list[SensorStep]:
     """Steps of the field that no gyroscope explains. Some gyroscopes may be of another vehicle, such as a simulator's
     own."""
-    first, *others = (field_steps(unit, compass) for unit in units)
+    first, *others = (field_steps(turns, compass) for turns in turned)
     return [
         step
         for step in first
@@ -231,13 +242,12 @@ def _unexplained(units: Sequence[InertialUnit], compass: SensorSeries) -> list[S
     ]
 
 
-def field_steps(unit: InertialUnit, compass: SensorSeries) -> list[SensorStep]:
+def field_steps(turns: Rotations | None, compass: SensorSeries) -> list[SensorStep]:
     """Steps of the field (3,) in body axes that the gyroscope does not explain, each with its end if a step reverses
-    it."""
-    turns = _rotations(unit)
+    it. turns: `rotations` of the gyroscope."""
     if turns is None:
         return []
-    stamp_ns, matrices = turns
+    stamp_ns, matrices = turns.stamp_ns, turns.matrices
     at = np.clip(np.searchsorted(stamp_ns, compass.stamp_ns, side="right") - 1, 0, len(stamp_ns) - 1)
     fixed = np.einsum("nij,nj->ni", matrices[at], compass.values)
     rows, sizes = _steps(compass.stamp_ns, fixed, FIELD_STEP_MGAUSS)
@@ -259,31 +269,29 @@ class FieldError:
 
 
 def field_error(
-    unit: InertialUnit, compass: SensorSeries, drive: Floats | None, steps: Sequence[SensorStep] = ()
+    turns: Rotations | None, compass: SensorSeries, drive: Floats | None, steps: Sequence[SensorStep] = ()
 ) -> FieldError | None:
     """Errors of a compass that are there from the start, grow slowly, or follow the motors; None if it did not turn.
 
     The field in the axes of the start changes within seconds only by an error that turns with the vessel.
 
-    drive: (N,) mean square of the motor commands at each row of the compass. steps: sudden errors, whose time is
-    omitted.
+    turns: `rotations` of the gyroscope. drive: (N,) mean square of the motor commands at each row of the compass.
+    steps: sudden errors, whose time is omitted.
     """
-    turns = _rotations(unit)
     period_s = float(np.median(np.diff(compass.stamp_ns))) * 1e-9
     if turns is None or not 0.0 < period_s < _CHANGE_S:
         return None
-    stamp_ns, matrices = turns
-    rotations = matrices[np.clip(np.searchsorted(stamp_ns, compass.stamp_ns), 0, len(stamp_ns) - 1)]
+    matrices = turns.matrices[np.clip(np.searchsorted(turns.stamp_ns, compass.stamp_ns), 0, len(turns.stamp_ns) - 1)]
     time_s = (compass.stamp_ns - compass.stamp_ns[0]) * 1e-9
     driven = np.zeros(len(time_s)) if drive is None else np.nan_to_num(drive)
-    fixed = np.einsum("nij,nj->ni", rotations, compass.values)
-    across = rotations[:, :, :2]
+    fixed = np.einsum("nij,nj->ni", matrices, compass.values)
+    across = matrices[:, :, :2]
     # The last column is the vertical error by the motors, which does not turn with the vessel.
     columns = [
         across,
         across * time_s[:, None, None],
         across * driven[:, None, None],
-        rotations[:, :, 2:] * driven[:, None, None],
+        matrices[:, :, 2:] * driven[:, None, None],
     ]
     design = np.concatenate(columns, axis=2)
     reach = round(_CHANGE_S / period_s)
@@ -399,8 +407,8 @@ def _paired(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
     return found
 
 
-def _rotations(unit: InertialUnit) -> tuple[Stamps, Floats] | None:
-    """Stamps (N,) and rotations (N, 3, 3) from body axes to those at the start, from the gyroscope alone."""
+def rotations(unit: InertialUnit) -> Rotations | None:
+    """Rotations of a unit from its gyroscope; None if its stamps go back, or with fewer than ten rows."""
     assert unit.gyro_radps is not None
     good = np.isfinite(unit.gyro_radps).all(axis=1)
     stamp_ns, rate = unit.stamp_ns[good], unit.gyro_radps[good]
@@ -415,7 +423,7 @@ def _rotations(unit: InertialUnit) -> tuple[Stamps, Floats] | None:
     while reach < len(turn):  # products from the start to each row, by doubling
         turn = np.concatenate([turn[:reach], quat_multiply(turn[:-reach], turn[reach:])])
         reach *= 2
-    return stamp_ns, quat_to_matrix(quat_normalize(turn))
+    return Rotations(stamp_ns, quat_to_matrix(quat_normalize(turn)))
 
 
 def gyro_steps(

@@ -13,7 +13,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.model.text import plural
-from xitl_cli.logs.signals import Series, StateSpan, ground_speed, yaw_rate
+from xitl_cli.logs.signals import Series, ground_speed, yaw_rate
 from xitl_cli.logs.signals import armed as log_armed
 from xitl_cli.logs.signals.gaps import Gap, Gaps, Regularity, gaps, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, SensorSeries
@@ -208,27 +208,29 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
 _STOPS_AFTER_NS = 20_000_000_000  # LOG_DISARMED 0: fifteen seconds after disarming (HAL_LOGGER_ARM_PERSIST)
 _STARTS_BEFORE_NS = 5_000_000_000
 _LATEST_STAMP_NS = 1_000_000_000
+_FARTHEST_NS = 1 << 61  # seventy years, so that no difference overflows
 
 
 def switched_off(log: Log, pause: Stamps) -> Flags:
     """(N,) True for pauses (N, 2) that began with disarming and ended with arming: logging was off in between."""
     spans = [] if log.format != "dataflash" else log_armed(log)
-    found = np.zeros(len(pause), dtype=np.bool_)
-    for place, (begin, end) in enumerate(pause.tolist()):
-        disarmed = any(begin - _STOPS_AFTER_NS <= span.until_ns <= begin + _LATEST_STAMP_NS for span in spans)
+    begin, end = np.clip(pause, -_FARTHEST_NS, _FARTHEST_NS).T
+    disarmed, at_end, at_begin, between, twice = np.zeros((5, len(pause)), dtype=np.bool_)
+    ends = {span.until_ns for span in spans}
+    for span in spans:
+        from_ns, until_ns = min(span.from_ns, _FARTHEST_NS), min(span.until_ns, _FARTHEST_NS)
+        disarmed |= (begin - _STOPS_AFTER_NS <= until_ns) & (until_ns <= begin + _LATEST_STAMP_NS)
+        near_end = np.abs(from_ns - end) <= _STARTS_BEFORE_NS
+        at_end |= near_end
         # Events without a time get the stamp of the previous row, and so does the arming that ends a pause.
-        armed = [span.from_ns for span in spans if span.until_ns > begin + _LATEST_STAMP_NS and span.from_ns < end]
-
-        def near_end(span: StateSpan, end: int = end) -> bool:
-            return abs(span.from_ns - end) <= _STARTS_BEFORE_NS
-
-        at_end = any(map(near_end, spans))
-        at_begin = [from_ns for from_ns in armed if abs(from_ns - begin) <= _LATEST_STAMP_NS]
-        between = any(from_ns < end - _STARTS_BEFORE_NS for from_ns in armed if from_ns not in at_begin)
+        armed = (until_ns > begin + _LATEST_STAMP_NS) & (from_ns < end)
+        near_begin = np.abs(from_ns - begin) <= _LATEST_STAMP_NS
+        at_begin |= armed & near_begin
+        between |= armed & ~near_begin & (from_ns < end - _STARTS_BEFORE_NS)
         # If the disarming was not logged, a second arming implies it.
-        twice = any(span.from_ns == other.until_ns for span in spans if near_end(span) for other in spans)
-        found[place] = twice or (disarmed and (at_end or bool(at_begin)) and not between)
-    return found
+        if span.from_ns in ends:
+            twice |= near_end
+    return twice | (disarmed & (at_end | at_begin) & ~between)
 
 
 def _long_gaps(sensor: JudgedSensor) -> tuple[Gap, ...]:
