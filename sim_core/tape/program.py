@@ -9,6 +9,7 @@ names.
 from __future__ import annotations
 
 import ctypes
+import math
 import threading
 from collections.abc import Iterator, Sequence
 
@@ -18,11 +19,23 @@ from numpy.typing import NDArray
 
 from sim_core.frames import Array
 from sim_core.tape.library import Kernel
-from sim_core.tape.traced import DOT, INTERP, MATMUL, OPERATIONS, SIN_COS, Numbers, Operation, Recorder, Traced
+from sim_core.tape.traced import (
+    DOT,
+    ELEMENT_WISE,
+    INTERP,
+    MATMUL,
+    OPERATIONS,
+    SIN_COS,
+    Numbers,
+    Operation,
+    Recorder,
+    Traced,
+)
 
 _RUN, _SAME, _TABLE = range(3)
 _LANES = (1, 8)
 _PARTS = 64  # rows of results that are made at once
+_LONG = 16  # values that are worth an operation of their own
 
 
 class _Tape(ctypes.Structure):
@@ -77,6 +90,7 @@ class Program:
         constants = sorted(recorder.constants)
         fixed = np.concatenate([np.array(constants, dtype=np.int64), state, other])
         place = _places(fixed, operations, wanted)
+        operations = [part for operation in operations for part in _parts(operation, place)]
         # The code
         tables: list[NDArray[int32]] = []
         matrices: list[Array] = []
@@ -192,6 +206,25 @@ def _merged(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:
         else:
             merged.append((first, size))
     return merged
+
+
+def _parts(operation: Operation, place: Numbers) -> list[Operation]:
+    """Return an operation on values as parts with consecutive operands, if these are long.
+
+    Values that repeat for each point of a hull need not be gathered then.
+    """
+    length = operation.result.size
+    for operand in operation.operands if operation.name in ELEMENT_WISE else ():
+        steps = np.diff(place[operand])
+        if steps.any():
+            length = math.gcd(length, *(np.flatnonzero(steps != 1) + 1).tolist())
+    if not _LONG <= length < operation.result.size:
+        return [operation]
+    slices = [slice(start, start + length) for start in range(0, operation.result.size, length)]
+    return [
+        Operation(operation.name, operation.result[part], tuple(operand[part] for operand in operation.operands))
+        for part in slices
+    ]
 
 
 def _encoded(operation: Operation, place: Numbers, tables: list[NDArray[int32]], matrices: list[Array]) -> list[int]:
