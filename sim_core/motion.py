@@ -102,6 +102,10 @@ class MotionStep:
         except NoKernelError as error:
             self.why_numpy = str(error)
 
+    def __reduce__(self) -> tuple[type[MotionStep], tuple[Vessel, HullWaves | StillHull]]:
+        """Make copies and pickles without the recordings, whose addresses belong to this process."""
+        return MotionStep, (self.vessel, self.hull_waves)
+
     def step(self, state: VesselState, influences: Influences) -> Moved:
         """Return the vessels one step later."""
         if self._kernel is None or state.half_change is None:  # the first step integrates differently

@@ -168,6 +168,15 @@ def test_a_copy_of_a_state_goes_on_alone(copied: Callable[[VesselState], VesselS
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda simulated: pickle.loads(pickle.dumps(simulated))])
+def test_a_copy_of_a_simulation_computes_the_same(copied: Callable[[Simulation], Simulation]) -> None:
+    simulated, draw = simulation("vehicles/wamv16", "random"), np.random.default_rng(9)
+    state, influences = any_state(simulated, draw, 3), any_influences(simulated, draw, 3)
+    expected = arrays_of(simulated.motion.step(state, influences))
+    for name, values in arrays_of(copied(simulated).motion.step(state, influences)).items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+
+
 def test_a_vessel_moves_the_same_alone_and_in_a_batch() -> None:
     simulated, draw = simulation("vehicles/blueboat", "random"), np.random.default_rng(6)
     state, influences = any_state(simulated, draw, 11), any_influences(simulated, draw, 11)
