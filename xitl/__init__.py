@@ -72,7 +72,15 @@ _ELSEWHERE = {
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'xitl' has no attribute {name!r}; it has {', '.join(sorted(__all__))}")
-    return getattr(import_module(_ELSEWHERE.get(name, "xitl_cli.api")), name)
+    try:
+        module = import_module(_ELSEWHERE.get(name, "xitl_cli.api"))
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("xitl_cli.plugins"):
+            raise
+        from xitl_cli.registry import PluginError
+
+        raise PluginError(f"xitl.{name}: the plug-in is not installed; pip install --force-reinstall xitl") from error
+    return getattr(module, name)
 
 
 def __dir__() -> list[str]:

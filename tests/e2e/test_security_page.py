@@ -207,6 +207,7 @@ SOURCES = {
 """Files that open a listening socket, and the rows of the page that describe it."""
 PROBES = {
     "agent/board/doctor.py": "opens a link to see whether it can, and closes it",
+    "agent/board/latency.py": "waits for a socket of this machine that nobody sends to, as an agent does",
     "xitl_cli/plugins/board/network.py": "binds to see whether a port is free; the emulator listens, see `xitl board`",
     "xitl_cli/readiness.py": "binds to see whether a port is free",
     "xitl_cli/run/links/ports.py": "binds to see whether a port is free, and to names of Unix sockets",

@@ -52,6 +52,10 @@ def test_a_run_does_without_a_plug_in(tree: Path, plugin: str) -> None:
     ran = xitl(tree, "sim", "sitl", "--duration", "2", "--out", "run")
     assert ran.returncode == 0, ran.stderr
     assert (tree / "run/run.mcap").is_file()
+    if plugin == "learning":  # has functions of Python only
+        refused = python(tree, "-c", "import xitl\nxitl.make_env('sitl')")
+        assert "PluginError: xitl.make_env: the plug-in is not installed; pip install --force-rein" in refused.stderr
+        return
     listed = xitl(tree, "plugins")
     assert listed.returncode == 1
     assert f"No module named 'xitl_cli.plugins.{plugin}'" in " ".join(listed.stdout.split())

@@ -352,5 +352,5 @@ def base_heads() -> tuple[str, ...]:
     from xitl_cli.run.summary import OF_THE_GRAPH, merged
 
     top = ("format", "xitl", "profile", "technique", "seed", "clock", "started_utc", "ended", "error", "verdict")
-    more = ("wdri", "duration_s", "wall_s", "real_time_factor", "driver", "vessels", "encounters")
+    more = ("wdri", "duration_s", "physics", "wall_s", "real_time_factor", "driver", "vessels", "encounters")
     return (*top, *more, *(key for key in merged([]) if key not in OF_THE_GRAPH))
