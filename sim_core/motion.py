@@ -17,7 +17,7 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.tape.library import Kernel, NoKernelError, load_kernel
 from sim_core.tape.program import Program
-from sim_core.tape.traced import NotRecordableError, Recorder
+from sim_core.tape.traced import NotRecordableError, TapeRecorder
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.battery import BatteryCondition, BatteryState
 from sim_core.vessel.condition import Condition
@@ -127,7 +127,7 @@ class _CompiledMove:
     def __init__(self, vessel: Vessel, hull_waves: HullWaves | StillHull, kernel: Kernel, kind: _Kind) -> None:
         commands, propellers = vessel.model.commands, len(vessel.model.propellers)
         self._commands, self._battery = commands, vessel.battery is not None
-        recorder = Recorder()
+        recorder = TapeRecorder()
         # The row of the state
         widths = [3, 3, 4, 9, 3, commands, 6, *([1] if self._battery else [])]
         parts = _split(recorder.input((1, sum(widths))), widths)

@@ -27,8 +27,8 @@ from sim_core.tape.traced import (
     OPERATIONS,
     SIN_COS,
     Numbers,
-    Operation,
-    Recorder,
+    TapeOperation,
+    TapeRecorder,
     Traced,
 )
 
@@ -81,7 +81,7 @@ class Program:
     outputs: the arrays of one vessel to return, in this order.
     """
 
-    def __init__(self, kernel: Kernel, recorder: Recorder, outputs: Sequence[Traced | Array]) -> None:
+    def __init__(self, kernel: Kernel, recorder: TapeRecorder, outputs: Sequence[Traced | Array]) -> None:
         self._run = kernel.run_tape
         state, other = recorder.inputs
         wanted = np.concatenate([recorder.numbers(output).ravel() for output in outputs])
@@ -139,7 +139,7 @@ class Program:
         return room
 
 
-def _needed(operations: Sequence[Operation], wanted: Numbers) -> list[Operation]:
+def _needed(operations: Sequence[TapeOperation], wanted: Numbers) -> list[TapeOperation]:
     """Return the operations on which the wanted values depend, in their order."""
     needed = set(wanted.tolist())
     kept = []
@@ -151,9 +151,9 @@ def _needed(operations: Sequence[Operation], wanted: Numbers) -> list[Operation]
     return kept[::-1]
 
 
-def _paired(operations: Sequence[Operation]) -> list[Operation]:
+def _paired(operations: Sequence[TapeOperation]) -> list[TapeOperation]:
     """Return the operations with sine and cosine of equal angles as one."""
-    paired: list[Operation] = []
+    paired: list[TapeOperation] = []
     first: dict[bytes, int] = {}
     for operation in operations:
         if operation.name not in ("sin", "cos"):
@@ -165,11 +165,11 @@ def _paired(operations: Sequence[Operation]) -> list[Operation]:
             paired.append(operation)
             continue
         both = sorted((paired[index], operation), key=lambda part: part.name == "cos")
-        paired[index] = Operation(SIN_COS, np.concatenate([part.result for part in both]), operation.operands)
+        paired[index] = TapeOperation(SIN_COS, np.concatenate([part.result for part in both]), operation.operands)
     return paired
 
 
-def _places(fixed: Numbers, operations: Sequence[Operation], wanted: Numbers) -> Numbers:
+def _places(fixed: Numbers, operations: Sequence[TapeOperation], wanted: Numbers) -> Numbers:
     """Return the place of each value. A result takes the place of results that are needed no more.
 
     fixed: the values that keep the first places.
@@ -208,7 +208,7 @@ def _merged(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:
     return merged
 
 
-def _parts(operation: Operation, place: Numbers) -> list[Operation]:
+def _parts(operation: TapeOperation, place: Numbers) -> list[TapeOperation]:
     """Return an operation on values as parts with consecutive operands, if these are long.
 
     Values that repeat for each point of a hull need not be gathered then.
@@ -222,12 +222,14 @@ def _parts(operation: Operation, place: Numbers) -> list[Operation]:
         return [operation]
     slices = [slice(start, start + length) for start in range(0, operation.result.size, length)]
     return [
-        Operation(operation.name, operation.result[part], tuple(operand[part] for operand in operation.operands))
+        TapeOperation(operation.name, operation.result[part], tuple(operand[part] for operand in operation.operands))
         for part in slices
     ]
 
 
-def _encoded(operation: Operation, place: Numbers, tables: list[NDArray[int32]], matrices: list[Array]) -> list[int]:
+def _encoded(
+    operation: TapeOperation, place: Numbers, tables: list[NDArray[int32]], matrices: list[Array]
+) -> list[int]:
     count = operation.operands[0].size if operation.name == SIN_COS else operation.result.size
     code = [OPERATIONS.index(operation.name), count, int(place[operation.result[0]])]
     code.append(len(operation.operands))

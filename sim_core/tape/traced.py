@@ -1,6 +1,6 @@
 """Arrays that record the numpy operations on them.
 
-    recorder = Recorder()
+    recorder = TapeRecorder()
     position = recorder.input((1, 3))
     result = function(position)  # a numpy function
     recorder.operations  # each operation that the function did
@@ -40,7 +40,7 @@ class NotRecordableError(Exception):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Operation:
+class TapeOperation:
     """One operation on arrays."""
 
     name: str
@@ -53,11 +53,11 @@ class Operation:
     """Constants that are not values: the matrix of matmul, (inner, columns); abscissae and ordinates of interp."""
 
 
-class Recorder:
+class TapeRecorder:
     """Numbers all values and keeps the operations in their order."""
 
     def __init__(self) -> None:
-        self.operations: list[Operation] = []
+        self.operations: list[TapeOperation] = []
         self.constants: dict[int, float] = {}
         self.inputs: list[Numbers] = []
         self._next = 0
@@ -87,7 +87,7 @@ class Recorder:
         """Record an operation on each value."""
         cells = np.broadcast_arrays(*(self.numbers(operand) for operand in operands))
         result = self._new(cells[0].size)
-        self.operations.append(Operation(name, result, tuple(cell.flatten() for cell in cells)))
+        self.operations.append(TapeOperation(name, result, tuple(cell.flatten() for cell in cells)))
         return self._array(result, cells[0].shape)
 
     def matmul(self, left: Numbers, matrix: Array) -> Traced:
@@ -95,7 +95,7 @@ class Recorder:
         inner, columns = matrix.shape
         result = self._new(left.size // inner * columns)
         constant = np.ascontiguousarray(matrix, dtype=float64)
-        self.operations.append(Operation(MATMUL, result, (left.flatten(),), (constant,)))
+        self.operations.append(TapeOperation(MATMUL, result, (left.flatten(),), (constant,)))
         return self._array(result, (*left.shape[:-1], columns))
 
     def dot(self, left: Numbers, right: Numbers) -> Traced:
@@ -104,14 +104,14 @@ class Recorder:
         *shape, terms = left.shape
         result = self._new(left.size // terms)
         first, second = (np.moveaxis(side, -1, 0).flatten() for side in (left, right))
-        self.operations.append(Operation(DOT, result, (first, second), (np.empty(terms),)))
+        self.operations.append(TapeOperation(DOT, result, (first, second), (np.empty(terms),)))
         return self._array(result, tuple(shape))
 
     def interp(self, x: Traced, abscissae: Array, ordinates: Array) -> Traced:
         """Record a linear interpolation in a constant table."""
         result = self._new(x.size)
         tables = (np.array(abscissae, dtype=float64), np.array(ordinates, dtype=float64))
-        self.operations.append(Operation(INTERP, result, (x.cells.flatten(),), tables))
+        self.operations.append(TapeOperation(INTERP, result, (x.cells.flatten(),), tables))
         return self._array(result, x.shape)
 
     def _array(self, numbers: Numbers, shape: tuple[int, ...]) -> Traced:
@@ -129,7 +129,7 @@ class Traced(NDArrayOperatorsMixin):
     __slots__ = ("cells", "recorder")
     __array_priority__ = 1000.0
 
-    def __init__(self, recorder: Recorder, cells: Numbers) -> None:
+    def __init__(self, recorder: TapeRecorder, cells: Numbers) -> None:
         self.recorder = recorder
         self.cells = cells
 
@@ -244,7 +244,7 @@ class Traced(NDArrayOperatorsMixin):
         return traced
 
 
-def _matmul(recorder: Recorder, left: Traced | Array, right: Traced | Array) -> Traced:
+def _matmul(recorder: TapeRecorder, left: Traced | Array, right: Traced | Array) -> Traced:
     """Record `left @ right`."""
     if isinstance(left, Traced) and not isinstance(right, Traced) and right.ndim == 2:
         return recorder.matmul(left.cells, right)
@@ -256,40 +256,40 @@ def _matmul(recorder: Recorder, left: Traced | Array, right: Traced | Array) -> 
     return recorder.dot(first[..., :, None, :], np.swapaxes(second, -1, -2)[..., None, :, :])
 
 
-def _joined(recorder: Recorder, arrays: Sequence[Traced | Array], axis: int = 0) -> Traced:
+def _joined(recorder: TapeRecorder, arrays: Sequence[Traced | Array], axis: int = 0) -> Traced:
     return Traced(recorder, np.concatenate([recorder.numbers(array) for array in arrays], axis=axis))
 
 
-def _stacked(recorder: Recorder, arrays: Sequence[Traced | Array], axis: int = 0) -> Traced:
+def _stacked(recorder: TapeRecorder, arrays: Sequence[Traced | Array], axis: int = 0) -> Traced:
     return Traced(recorder, np.stack([recorder.numbers(array) for array in arrays], axis=axis))
 
 
 def _filled(value: float) -> Callable[..., Traced]:
-    def filled(recorder: Recorder, like: Traced, shape: tuple[int, ...] | None = None) -> Traced:
+    def filled(recorder: TapeRecorder, like: Traced, shape: tuple[int, ...] | None = None) -> Traced:
         number = recorder.numbers(value)
         return Traced(recorder, np.full(like.shape if shape is None else shape, number))
 
     return filled
 
 
-def _where(recorder: Recorder, *operands: Traced | Array | float) -> Traced:
+def _where(recorder: TapeRecorder, *operands: Traced | Array | float) -> Traced:
     if len(operands) != 3:
         raise NotRecordableError("numpy.where without values")
     return recorder.apply("where", *operands)
 
 
-def _clip(recorder: Recorder, values: Traced, low: Traced | Array | float, high: Traced | Array | float) -> Traced:
+def _clip(recorder: TapeRecorder, values: Traced, low: Traced | Array | float, high: Traced | Array | float) -> Traced:
     return recorder.apply("minimum", recorder.apply("maximum", values, low), high)
 
 
-def _interp(recorder: Recorder, x: Traced, abscissae: Array, ordinates: Array) -> Traced:
+def _interp(recorder: TapeRecorder, x: Traced, abscissae: Array, ordinates: Array) -> Traced:
     if isinstance(abscissae, Traced) or isinstance(ordinates, Traced):
         raise NotRecordableError("numpy.interp in a table that is known only when the step runs")
     return recorder.interp(x, abscissae, ordinates)
 
 
 def _same_cells(function: Callable[..., Any]) -> Callable[..., Traced]:
-    def moved(recorder: Recorder, values: Traced, *arguments: Any, **options: Any) -> Traced:
+    def moved(recorder: TapeRecorder, values: Traced, *arguments: Any, **options: Any) -> Traced:
         return Traced(recorder, function(values.cells, *arguments, **options))
 
     return moved

@@ -139,6 +139,6 @@ def radar_without_boat(missing: Missing) -> Radar:
 
 
 def test_every_need_of_the_shipped_declarations_has_a_provider_among_them() -> None:
-    for declared, given in ((VESSEL_PARTS, {"VesselSetup"}), (WORLD_PARTS, {"RunSetup", "Vessels"})):
+    for declared, given in ((VESSEL_PARTS, {"VesselSetup"}), (WORLD_PARTS, {"RunSetup", "AllVessels"})):
         provided = given | {kind for one in declared for kind in one.provides}
         assert {need.kind for one in declared for need in one.needs} <= provided

@@ -19,7 +19,7 @@ from hypothesis.extra.numpy import arrays
 from sim_core.tape import library
 from sim_core.tape.library import NoKernelError, compiled_kernel, load_kernel
 from sim_core.tape.program import Program
-from sim_core.tape.traced import ELEMENT_WISE, NotRecordableError, Recorder
+from sim_core.tape.traced import ELEMENT_WISE, NotRecordableError, TapeRecorder
 
 WIDTH = 6
 MATRIX = np.random.default_rng(1).normal(size=(WIDTH, 5))
@@ -36,7 +36,7 @@ def _needs_a_kernel() -> None:
 
 def compiled(function: Callable[..., Any]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Return a function of (N, WIDTH) and (N, WIDTH) that runs the recording of `function`, a function of two rows."""
-    recorder = Recorder()
+    recorder = TapeRecorder()
     result = function(recorder.input((1, WIDTH)), recorder.input((1, WIDTH)))
     program = Program(load_kernel(), recorder, [result])
 
@@ -152,11 +152,11 @@ def test_earlier_results_stay_as_they_are() -> None:
         (lambda a, b: np.nextafter(a, b), "numpy.nextafter"),
         (lambda a, b: np.interp(1.0, a[0], ORDINATES), "a table that is known only when the step runs"),
         (lambda a, b: a.astype(np.float32), "a conversion to"),
-        (lambda a, b: Recorder().input((1, WIDTH)) + a, "two recordings"),
+        (lambda a, b: TapeRecorder().input((1, WIDTH)) + a, "two recordings"),
     ],
 )
 def test_what_cannot_be_recorded_says_so(function: Callable[..., Any], says: str) -> None:
-    recorder = Recorder()
+    recorder = TapeRecorder()
     with pytest.raises(NotRecordableError, match=says):
         function(recorder.input((1, WIDTH)), recorder.input((1, WIDTH)))
 

@@ -12,7 +12,7 @@ from sim_core.frames import Array, Array32
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.learning.batch import DrawGoals, DrawStarts, VesselBatch
 from xitl_cli.plugins.learning.observation import Feature, Observation
-from xitl_cli.plugins.learning.top_view import Track
+from xitl_cli.plugins.learning.top_view import TopView
 from xitl_cli.plugins.learning.vessels import Vessels
 from xitl_cli.profile.schema import RunProfile
 
@@ -59,7 +59,7 @@ class Episodes:
         self._batch = VesselBatch(profile, count, rate_hz, task.start, task.goal, self.observation.sensors, threads)
         self._batch.begin(0)
         self._vessels = self._batch.vessels()
-        self._track = Track(self._batch.outline) if task.render_mode is not None else None
+        self._track = TopView(self._batch.outline) if task.render_mode is not None else None
         self.observation.measure(self._vessels)
 
     @property

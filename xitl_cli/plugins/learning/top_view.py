@@ -21,7 +21,7 @@ WATER, GRID, TRACK, HULL, GOAL = (222, 235, 247), (190, 210, 228), (200, 60, 50)
 GRIDS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0)
 
 
-class Track:
+class TopView:
     """The tracks of N vessels since the starts of their episodes."""
 
     def __init__(self, outline: Outline) -> None:

@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Vessels:
+class AllVessels:
     """Everything that was made for the vessels of a run."""
 
     parts: Mapping[str, Parts]
@@ -51,18 +51,18 @@ def world_parts(setup: RunSetup, vessels: Mapping[str, Parts], opened: ExitStack
         for node in chain.from_iterable(output.world_nodes(live) for output in setup.live):
             opened.callback(node.close)
             declared.append(_live_part(node))
-    return made_parts(declared, {RunSetup: setup, Vessels: Vessels(vessels)}, setup, opened)
+    return made_parts(declared, {RunSetup: setup, AllVessels: AllVessels(vessels)}, setup, opened)
 
 
 @part(Place.DISPLAY, also_at={Place.SHOWING: "showing"})
-def display(setup: RunSetup, vessels: Vessels) -> DisplayNode:
+def display(setup: RunSetup, vessels: AllVessels) -> DisplayNode:
     warnings = [*setup.scenery.warnings, *setup.stations.warnings]
     sources = list(vessels.having(StatusSource).values())
     return DisplayNode(setup.make_display, warnings, setup.profile.clock, sources)
 
 
 @part(Place.RIVER, when=RunSetup.has_river, also_at={Place.LAUNCHING: "launching"})
-def river(setup: RunSetup, vessels: Vessels) -> RiverNode:
+def river(setup: RunSetup, vessels: AllVessels) -> RiverNode:
     from xitl_cli.run.nodes.river import river_from_profile
 
     control = vessels.parts[setup.profile.vessel].need(ControlNode)
@@ -70,7 +70,7 @@ def river(setup: RunSetup, vessels: Vessels) -> RiverNode:
 
 
 @part(Place.OPERATOR, when=RunSetup.operated)
-def operator(setup: RunSetup, vessels: Vessels, river: RiverNode) -> OperatorNode:
+def operator(setup: RunSetup, vessels: AllVessels, river: RiverNode) -> OperatorNode:
     from xitl_cli.run.nodes.operator import OperatorNode
     from xitl_cli.run.nodes.vessel_orders import VesselOrders
     from xitl_cli.run.operator.environment_changes import EnvironmentChanges
@@ -95,7 +95,7 @@ def scripted_vessels(setup: RunSetup) -> ScriptedRecorder:
 
 
 @part(Place.AIS, when=RunSetup.is_fleet)
-def ais(setup: RunSetup, vessels: Vessels) -> AisNode:
+def ais(setup: RunSetup, vessels: AllVessels) -> AisNode:
     from xitl_cli.run.nodes.ais import AisNode, AisRecorder
 
     return AisNode(list(setup.profiles), setup.voices, vessels.having(AisRecorder))
