@@ -22,6 +22,7 @@ needs() { # EXTRA COMMAND...: it fails, and says what to type
 }
 venv/bin/xitl sim sitl --duration 5 --out run > /dev/null
 test -s run/run.mcap && test -s run/summary.json
+! command -v cc > /dev/null || grep -q '"compiled": true' run/summary.json
 venv/bin/xitl logs analyze run/run.mcap run/autopilot.bin > /dev/null
 needs report venv/bin/xitl logs analyze run/autopilot.bin --report report.html
 needs report venv/bin/xitl logs plot run/autopilot.bin ATT.Roll --out plot.html

@@ -54,7 +54,11 @@ def compiled_kernel() -> Path:
     compiler = next(filter(None, map(shutil.which, [wanted] if wanted else _COMPILERS)), None)
     if compiler is None:
         raise NoKernelError(f"no C compiler ({wanted or ', '.join(_COMPILERS)}); install gcc or clang")
-    marks = (_SOURCE.read_text(encoding="utf-8"), *_FLAGS, compiler, Path(compiler).stat().st_mtime_ns, _processor())
+    try:
+        source, changed_ns = _SOURCE.read_text(encoding="utf-8"), Path(compiler).stat().st_mtime_ns
+    except OSError as error:
+        raise NoKernelError(f"{error.filename} cannot be read ({error.strerror}); reinstall xitl") from error
+    marks = (source, *_FLAGS, compiler, changed_ns, _processor())
     path = _folder() / f"kernel-{sha256(repr(marks).encode()).hexdigest()[:20]}.so"
     if not path.exists():
         _compile(compiler, path)
