@@ -37,11 +37,9 @@ DRIFT_NS = 20_000_000
 class Simulation:
     """All constants of a run; made by `from_spec`."""
 
-    vessel: Vessel
-    environment: Environment
-    hull_waves: HullWaves | StillHull
     motion: MotionStep
-    """The step of the vessel in the waves."""
+    """The vessel in the waves, and its step."""
+    environment: Environment
     wave_drift_ne_mps: Array
     """Drift of the water due to the waves, over the vessel's draft, (2,)."""
     dt_s: float
@@ -63,7 +61,17 @@ class Simulation:
         hull_waves, wave_drift = _waves_at(vessel, environment.waves)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
         motion, outline = MotionStep(vessel, hull_waves), Outline.from_spec(model)
-        return cls(vessel, environment, hull_waves, motion, wave_drift, dt_s, dt_ns, drift_ns, outline, waterway)
+        return cls(motion, environment, wave_drift, dt_s, dt_ns, drift_ns, outline, waterway)
+
+    @property
+    def vessel(self) -> Vessel:
+        """The vessel's constants."""
+        return self.motion.vessel
+
+    @property
+    def hull_waves(self) -> HullWaves | StillHull:
+        """The waves at the points of the hull."""
+        return self.motion.hull_waves
 
     @property
     def why_numpy(self) -> str | None:
@@ -78,10 +86,8 @@ class Simulation:
         hull_waves, wave_drift = _waves_at(vessel, environment.waves)
         return replace(
             self,
-            vessel=vessel,
-            environment=environment,
-            hull_waves=hull_waves,
             motion=MotionStep(vessel, hull_waves),
+            environment=environment,
             wave_drift_ne_mps=wave_drift,
         )
 

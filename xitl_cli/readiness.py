@@ -58,7 +58,7 @@ def check_physics() -> DoctorFinding:
         load_kernel()
     except NoKernelError as error:
         reason, _, advice = str(error).partition("; ")
-        return DoctorFinding("physics", OK, f"in numpy, a third to a half slower ({reason})", advice)
+        return DoctorFinding("physics", OK, f"in numpy, which needs more processor time ({reason})", advice)
     return DoctorFinding("physics", OK, "compiled")
 
 
