@@ -153,6 +153,20 @@ def test_without_an_autopilot_the_driver_commands_the_vessel(xitl: Xitl, tmp_pat
     assert told["estimation"]["position_rms_m"] is None
 
 
+def test_a_run_says_whether_its_physics_was_compiled(
+    xitl: Xitl, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for switch, compiled in (("numpy", False), ("", True)):
+        monkeypatch.setenv("XITL_PHYSICS", switch)
+        run = xitl("sim", "sitl", "--duration", "0.2", "--out", f"run{compiled}")
+        physics = json.loads((tmp_path / f"run{compiled}/summary.json").read_text(encoding="utf-8"))["physics"]
+        assert physics == {
+            "compiled": compiled,
+            "why_numpy": None if compiled else "XITL_PHYSICS=numpy is set; unset it",
+        }
+        assert ("physics in numpy" in run.stdout) is not compiled
+
+
 def test_a_resolved_profile_flies_the_same_run_again(xitl: Xitl, tmp_path: Path) -> None:
     assert xitl("sim", "--set", "environment.wind.mean_mps=8", "--duration", "15", "--out", "one").returncode == 0
     assert xitl("sim", "--profile", "one/profile.yaml", "--out", "two").returncode == 1

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from agent.board.doctor import OK, PROBLEM, WARNING, DoctorFinding
+from sim_core.tape.library import NoKernelError
 from tests.golden import Golden
 from xitl_cli import extras, readiness
 from xitl_cli.extras import EXTRAS, PERCEPTION
@@ -17,6 +18,7 @@ from xitl_cli.main import main
 from xitl_cli.readiness import (
     check_extras,
     check_firmware,
+    check_physics,
     check_ports,
     check_pseudo_terminals,
     verdict,
@@ -39,6 +41,18 @@ def test_a_missing_extra_is_no_trouble_and_comes_with_its_pip_line(monkeypatch: 
     assert found[0].advice == PERCEPTION.pip_line == "pip install 'xitl[perception]'"
     assert verdict("simulating", found) == (OK, "simulating: ready")
     assert without_optional(found).startswith(", without perception, ")
+
+
+def test_physics_without_a_compiler_is_no_trouble_and_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_kernel() -> None:
+        raise NoKernelError("no C compiler (cc, gcc, clang); install gcc or clang")
+
+    monkeypatch.setattr("sim_core.tape.library.load_kernel", no_kernel)
+    finding = check_physics()
+    assert (finding.level, finding.advice) == (OK, "install gcc or clang")
+    assert finding.found == "in numpy, which needs more processor time (no C compiler (cc, gcc, clang))"
+    monkeypatch.setattr("sim_core.tape.library.load_kernel", lambda: None)
+    assert check_physics().found == "compiled"
 
 
 def test_firmware_is_found_where_a_run_would_find_it(

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel import needs_kernel
 
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water, WaveSpec
@@ -20,12 +21,12 @@ from sim_core.environment.waves import realise_waves
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.motion import Influences, MotionStep, Moved, move
 from sim_core.simulation import Simulation, SimulationState, initial, step
-from sim_core.tape.library import NoKernelError, load_kernel
 from sim_core.vessel.condition import ActuatorFault, BatteryFault, make_condition
 from sim_core.vessel.vessel import VesselState, at_rest
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.catalogue import shipped_profiles
 
+pytestmark = needs_kernel
 VEHICLES = [name for name in shipped_profiles() if name.startswith("vehicles/")]
 SEAS = {
     "flat": WaveSpec(),
@@ -33,14 +34,6 @@ SEAS = {
     "random": WaveSpec("jonswap", 0.25, 2.2, 200.0, spreading=8.0),
 }
 TOLERANCE = 1e-9
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _needs_a_kernel() -> None:
-    try:
-        load_kernel()
-    except NoKernelError as error:
-        pytest.skip(str(error))
 
 
 @cache

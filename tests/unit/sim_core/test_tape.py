@@ -15,23 +15,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from kernel import needs_kernel
 
 from sim_core.tape import library
 from sim_core.tape.library import NoKernelError, compiled_kernel, load_kernel
 from sim_core.tape.program import Program
 from sim_core.tape.traced import ELEMENT_WISE, NotRecordableError, TapeRecorder
 
+pytestmark = needs_kernel
 WIDTH = 6
 MATRIX = np.random.default_rng(1).normal(size=(WIDTH, 5))
 ABSCISSAE, ORDINATES = np.array([-2.0, -0.5, 0.0, 1.0, 3.0]), np.array([1.0, -1.0, 4.0, 4.0, 0.5])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _needs_a_kernel() -> None:
-    try:
-        load_kernel()
-    except NoKernelError as error:
-        pytest.skip(str(error))
 
 
 def compiled(function: Callable[..., Any]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
