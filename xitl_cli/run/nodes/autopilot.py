@@ -103,7 +103,8 @@ class AutopilotNode(ControlNode):
 
             self._redundancy = Redundancy(self.agents, self.view, standby)
         self.driver = make_driver(self.new_commands(), first)
-        self._check = EstimateCheck(profile.clock.physics_rate_hz)
+        self.sense_every = self._sensing.every
+        self._check = EstimateCheck(profile.clock.physics_rate_hz / self.sense_every)
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
         self._time_is_due = False
         self._use = ActuatorUse()

@@ -129,6 +129,7 @@ class SensorRecorder(RunNode):
         plant: PlantView | None = None,
     ) -> None:
         self._sensing = make_sensing(profile, seeds, hulls, air, tide_m, plant)
+        self.sense_every = self._sensing.every
         self._packer = Packer(HOST_SYSTEM_ID, HOST_COMPONENT_ID)
 
     def begin(self, context: RunContext) -> None:
@@ -147,10 +148,10 @@ class PaceRecorder(RunNode):
         self._realtime = clock.mode == "realtime"
         self._every_clock = round(self._rate_hz / CLOCK_RATE_HZ)
         self._every_task = round(self._rate_hz / TASK_RATE_HZ)
-        self._now_ns = 0
+        self.record_every = math.gcd(self._every_task, *([self._every_clock] if self._realtime else []))
 
     def begin(self, context: RunContext) -> None:
-        self._recorder, self._pace = context.recorder, context.pace
+        self._recorder, self._pace, self._clock = context.recorder, context.pace, context.clock
 
     def record(self, step: RunStep) -> None:
         number, now_ns = step.number, step.now_ns
@@ -160,11 +161,11 @@ class PaceRecorder(RunNode):
                 self._recorder.write(now_ns, point)
         if number % self._every_task == 0:
             self._record_pace(now_ns)
-        self._now_ns = now_ns
 
     def end(self) -> None:
-        if self._now_ns:
-            self._record_pace(self._now_ns)
+        now_ns = self._clock.step_ns
+        if now_ns:
+            self._record_pace(now_ns)
 
     def _record_pace(self, now_ns: int) -> None:
         self._recorder.write(now_ns, self._pace.task(self._rate_hz))

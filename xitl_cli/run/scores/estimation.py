@@ -24,7 +24,7 @@ class TruePose(NamedTuple):
 
 
 class TruthHistory:
-    """Pose at every physics step, by its instant. The rest of the motion is not kept, so that its memory is reused."""
+    """Pose at regular instants. The rest of the motion is not kept, so that its memory is reused."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_ns = 1e9 / rate_hz
@@ -34,7 +34,7 @@ class TruthHistory:
         self._newest_ns = 0
 
     def add(self, stamp_ns: int, motion: Kinematics) -> None:
-        """Add the motion after the step that ended at `stamp_ns`."""
+        """Add the motion at `stamp_ns`."""
         self._newest_ns = stamp_ns
         self._poses.append((motion.pos_ned_m, motion.quat_ned_frd))
 
@@ -103,16 +103,16 @@ def _yaw_rad(quat: NDArray[np.float64]) -> float:
 class EstimateCheck:
     """Compares estimates with the truth.
 
-    score: of the estimates while armed. position_error_m: of the newest estimate.
+    rate_hz: of the truth. score: of the estimates while armed. position_error_m: of the newest estimate.
     """
 
-    def __init__(self, physics_rate_hz: float) -> None:
-        self._history = TruthHistory(physics_rate_hz)
+    def __init__(self, rate_hz: float) -> None:
+        self._history = TruthHistory(rate_hz)
         self.score = EstimationScore()
         self.position_error_m: float | None = None
 
     def add_truth(self, sim_ns: int, motion: Kinematics) -> None:
-        """Add the truth after every physics step."""
+        """Add the truth. Call this `rate_hz` times a second."""
         self._history.add(sim_ns, motion)
 
     def add_estimate(self, stamp_ns: int | None, estimate: MotionEstimate, armed: bool) -> None:

@@ -57,17 +57,18 @@ class Plant:
         assert isinstance(self.simulation, Fleet)
         return self.simulation
 
-    def advance(self, commands: Sequence[Any]) -> SimulationState | FleetState:
+    def advance(self, commands: Sequence[Any], max_steps: int = 1) -> SimulationState | FleetState:
         """Advance one physics step with motor commands (C,) from -1 to 1 by vessel.
 
-        An unchanged list must be the same object.
+        An unchanged list must be the same object. max_steps: number of steps to take at once, which end early when a
+        vessel comes near something that it can touch, or is held.
         """
         simulation, before = self.simulation, self.state
         if commands is not self._commands:
             self._commands = commands
             self._motors = simulation.by_model(commands) if isinstance(simulation, Fleet) else np.array(commands)
-        self.state = self._step(simulation, before, self._motors, self._rng)
         frozen = [vessel for vessel in self.vessels if vessel.held]
+        self.state = self._step(simulation, before, self._motors, self._rng, 1 if frozen else max_steps)
         if not frozen:
             return self.state
         for vessel in frozen:
