@@ -233,9 +233,7 @@ def initial(fleet: Fleet, north_east_m: Array, yaw_rad: Array, rng: Generator) -
     return FleetState(0, tuple(batches), environment)
 
 
-def step(
-    fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Generator, max_steps: int = 1
-) -> FleetState:
+def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Generator, max_steps: int = 1) -> FleetState:
     """Return the state one dt_s later, under (N, C) commands in [-1, 1] per batch, as `Fleet.by_model` makes them.
 
     max_steps: as in `simulation.step`.

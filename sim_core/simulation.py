@@ -175,8 +175,8 @@ def step(
 ) -> SimulationState:
     """Return the state one dt_s later, under (N, C) commands in [-1, 1], (1, C) for all vessels: see VesselSpec.
 
-    max_steps: number of steps to take at once, which gives the same states and is faster. They end early when the vessels
-    come near something that they can touch.
+    max_steps: number of steps to take at once, which gives the same states and is faster. They end early when the
+    vessels come near something that they can touch.
     """
     end_ns = state.time_ns + max_steps * simulation.dt_ns
     while state.time_ns < end_ns:

@@ -94,7 +94,7 @@ class Program:
     """
 
     def __init__(
-        self, kernel: Kernel, recorder: TapeRecorder, outputs: Sequence[Traced | Array], step_inputs: int
+        self, kernel: Kernel, recorder: TapeRecorder, outputs: Sequence[Traced | Array], step_inputs: int = 0
     ) -> None:
         self._run = kernel.run_tape
         state, other = recorder.inputs
@@ -147,9 +147,7 @@ class Program:
         results, address = next(room.results[rows])
         other_address, count = room.other[rows][1], len(later)
         steps = (count, room.later_address(later)) if count else _ALONE
-        self._run(
-            self._address, rows, state_columns, state_address, other_address, address, *steps, *room.addresses
-        )
+        self._run(self._address, rows, state_columns, state_address, other_address, address, *steps, *room.addresses)
         return results, address
 
     def _room_of_thread(self) -> _Room:

@@ -38,7 +38,8 @@ vessel's step.
 class Schedule:
     """Calls of a method of the nodes in their order, each with its period in physics steps.
 
-    `touch` is called right before a node's `sense`. groups: the nodes of each group, by its number. periods: of all calls.
+    `touch` is called right before a node's `sense`. groups: the nodes of each group, by its number. periods: of all
+    calls.
     """
 
     def __init__(self, method: str, groups: Sequence[tuple[int, Sequence[RunNode]]]) -> None:

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from kernel import needs_kernel
 
 from sim_core.environment.environment import Environment
-from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.spec import EnvironmentSpec, GustSpec, Water, WaveSpec, WindSpec
+from sim_core.environment.tide_spec import ConstituentSpec, TideSpec
 from sim_core.environment.waves import realise_waves
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.motion import Influences, MotionStep, Moved, move
@@ -125,14 +126,14 @@ def test_a_compiled_step_is_the_step_of_numpy(vehicle: str, sea: str, seed: int,
     state, influences = any_state(simulated, draw, vessels), any_influences(simulated, draw, vessels)
     if vessels == 1:
         state = replace(state, condition=any_condition(simulated, draw))
-    compiled = simulated.motion.step(state, influences)
+    compiled = simulated.motion.steps(state, influences)
     assert simulated.motion.why_numpy is None
     assert compiled.vessel.packed is not None
     reference = move(simulated.vessel, simulated.hull_waves, state, influences)
     assert_same(compiled, reference)
     # The next step begins from the packed state
     assert_same(
-        simulated.motion.step(compiled.vessel, influences),
+        simulated.motion.steps(compiled.vessel, influences),
         move(simulated.vessel, simulated.hull_waves, compiled.vessel, influences),
     )
 
@@ -140,11 +141,11 @@ def test_a_compiled_step_is_the_step_of_numpy(vehicle: str, sea: str, seed: int,
 def test_a_changed_part_of_a_packed_state_counts() -> None:
     simulated, draw = simulation("vehicles/otter", "random"), np.random.default_rng(5)
     influences = any_influences(simulated, draw, 1)
-    state = simulated.motion.step(any_state(simulated, draw, 1), influences).vessel
+    state = simulated.motion.steps(any_state(simulated, draw, 1), influences).vessel
     faster = replace(state.motion, vel_ned_mps=state.motion.vel_ned_mps + 1.0)
     changed = replace(state, motion=faster)
     assert_same(
-        simulated.motion.step(changed, influences), move(simulated.vessel, simulated.hull_waves, changed, influences)
+        simulated.motion.steps(changed, influences), move(simulated.vessel, simulated.hull_waves, changed, influences)
     )
 
 
@@ -152,12 +153,12 @@ def test_a_changed_part_of_a_packed_state_counts() -> None:
 def test_a_copy_of_a_state_goes_on_alone(copied: Callable[[VesselState], VesselState]) -> None:
     simulated, draw = simulation("vehicles/heron", "random"), np.random.default_rng(8)
     influences = any_influences(simulated, draw, 2)
-    state = simulated.motion.step(any_state(simulated, draw, 2), influences).vessel
+    state = simulated.motion.steps(any_state(simulated, draw, 2), influences).vessel
     twin = copied(state)
     assert twin.packed is None
-    expected = arrays_of(simulated.motion.step(state, influences))
+    expected = arrays_of(simulated.motion.steps(state, influences))
     state.packed.values[:] = np.nan
-    for name, values in arrays_of(simulated.motion.step(twin, influences)).items():
+    for name, values in arrays_of(simulated.motion.steps(twin, influences)).items():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
@@ -165,15 +166,15 @@ def test_a_copy_of_a_state_goes_on_alone(copied: Callable[[VesselState], VesselS
 def test_a_copy_of_a_simulation_computes_the_same(copied: Callable[[Simulation], Simulation]) -> None:
     simulated, draw = simulation("vehicles/wamv16", "random"), np.random.default_rng(9)
     state, influences = any_state(simulated, draw, 3), any_influences(simulated, draw, 3)
-    expected = arrays_of(simulated.motion.step(state, influences))
-    for name, values in arrays_of(copied(simulated).motion.step(state, influences)).items():
+    expected = arrays_of(simulated.motion.steps(state, influences))
+    for name, values in arrays_of(copied(simulated).motion.steps(state, influences)).items():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
 def test_a_vessel_moves_the_same_alone_and_in_a_batch() -> None:
     simulated, draw = simulation("vehicles/blueboat", "random"), np.random.default_rng(6)
     state, influences = any_state(simulated, draw, 11), any_influences(simulated, draw, 11)
-    together = arrays_of(simulated.motion.step(state, influences))
+    together = arrays_of(simulated.motion.steps(state, influences))
     for row in range(11):
         own = slice(row, row + 1)
         motion = type(state.motion)(*(getattr(state.motion, field.name)[own] for field in fields(state.motion)))
@@ -188,24 +189,26 @@ def test_a_vessel_moves_the_same_alone_and_in_a_batch() -> None:
             command=influences.command[own],
             wrench_frd=None if influences.wrench_frd is None else influences.wrench_frd[own],
         )
-        for name, values in arrays_of(simulated.motion.step(alone, of_row)).items():
+        for name, values in arrays_of(simulated.motion.steps(alone, of_row)).items():
             np.testing.assert_array_equal(values, together[name][own], err_msg=name)
 
 
 class NumpyStep(MotionStep):
     """The step without its recording."""
 
-    def step(self, state: VesselState, influences: Influences) -> Moved:
-        return move(self.vessel, self.hull_waves, state, influences)
+    def __post_init__(self) -> None:
+        self.why_numpy = "the test asks for it"
 
 
-def sailed(simulated: Simulation, seconds: float, kind: type[MotionStep] = MotionStep) -> SimulationState:
+def sailed(
+    simulated: Simulation, seconds: float, kind: type[MotionStep] = MotionStep, at_once: int = 1
+) -> SimulationState:
     rng = np.random.default_rng(7)
     simulated = replace(simulated, motion=kind(simulated.vessel, simulated.hull_waves))
     state = initial(simulated, np.zeros((1, 2)), np.array([0.4]), rng)
     commands = np.array([[0.8, 0.65]])
-    for _ in range(round(seconds / simulated.dt_s)):
-        state = step(simulated, state, commands, rng)
+    for _ in range(round(seconds / simulated.dt_s / at_once)):
+        state = step(simulated, state, commands, rng, at_once)
     return state
 
 
@@ -225,3 +228,20 @@ def test_a_run_repeats_bit_for_bit() -> None:
     first, second = (sailed(simulated, 5.0).vessel.motion for _ in range(2))
     for field in fields(first):
         np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name))
+
+
+@pytest.mark.parametrize("kind", [MotionStep, NumpyStep])
+@pytest.mark.parametrize("at_once", [2, 5, 40])
+def test_steps_at_once_are_the_steps_one_by_one(at_once: int, kind: type[MotionStep]) -> None:
+    tide = TideSpec(constituents=(ConstituentSpec("own", 0.8, 30.0, speed_degph=20_000.0),))
+    wind = WindSpec(6.0, 240.0, gust=GustSpec("ornstein-uhlenbeck", 1.5))
+    environment = EnvironmentSpec(Water(tide=tide), waves=SEAS["random"], wind=wind)
+    model = simulation("vehicles/asv-full", "flat").vessel.model
+    simulated = Simulation.from_spec(model, Environment.from_spec(environment, np.random.default_rng(4)), 0.0025)
+    alone, together = (sailed(simulated, 1.0, kind, steps) for steps in (1, at_once))
+    assert together.time_ns == alone.time_ns == 1_000_000_000
+    assert together.surface.tide_m == alone.surface.tide_m != 0.0
+    expected = arrays_of(Moved(alone.vessel, alone.surface, alone.drift_frd_n))
+    for name, values in arrays_of(Moved(together.vessel, together.surface, together.drift_frd_n)).items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+    np.testing.assert_array_equal(together.wind_ned_mps, alone.wind_ned_mps)

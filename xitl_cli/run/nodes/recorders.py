@@ -20,7 +20,7 @@ from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import ActuatorAge, BatteryMessage
 from xitl_cli.record.truth import TruthTable
-from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
+from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep, SimulationClock
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
 from xitl_cli.run.sensors.sensing import make_sensing
@@ -149,6 +149,7 @@ class PaceRecorder(RunNode):
         self._every_clock = round(self._rate_hz / CLOCK_RATE_HZ)
         self._every_task = round(self._rate_hz / TASK_RATE_HZ)
         self.record_every = math.gcd(self._every_task, *([self._every_clock] if self._realtime else []))
+        self._clock: SimulationClock | None = None
 
     def begin(self, context: RunContext) -> None:
         self._recorder, self._pace, self._clock = context.recorder, context.pace, context.clock
@@ -163,9 +164,8 @@ class PaceRecorder(RunNode):
             self._record_pace(now_ns)
 
     def end(self) -> None:
-        now_ns = self._clock.step_ns
-        if now_ns:
-            self._record_pace(now_ns)
+        if self._clock is not None and self._clock.step_ns:
+            self._record_pace(self._clock.step_ns)
 
     def _record_pace(self, now_ns: int) -> None:
         self._recorder.write(now_ns, self._pace.task(self._rate_hz))
