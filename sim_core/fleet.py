@@ -24,6 +24,7 @@ from sim_core.environment.waves import HullSurface
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
+from sim_core.state_class import state_class
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.battery import BatteryState
 from sim_core.vessel.condition import Condition
@@ -205,7 +206,7 @@ class Fleet:
         ]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class FleetState:
     """The world at time_ns."""
 

@@ -15,6 +15,7 @@ import numpy as np
 from sim_core.environment.waves import HullSurface, HullWaves, StillHull
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
+from sim_core.state_class import state_class
 from sim_core.tape.library import Kernel, NoKernelError, load_kernel
 from sim_core.tape.program import Program
 from sim_core.tape.traced import NotRecordableError, TapeRecorder
@@ -25,7 +26,7 @@ from sim_core.vessel.propulsion import ExtendedPropulsion
 from sim_core.vessel.vessel import PackedState, Surroundings, Vessel, VesselState
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class Influences:
     """What acts on N vessels in one step, besides their own state."""
 

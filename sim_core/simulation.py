@@ -19,6 +19,7 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.motion import Influences, MotionStep, surroundings
 from sim_core.rows import Rows, with_rows
+from sim_core.state_class import state_class
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.condition import Condition
 from sim_core.vessel.spec import VesselSpec
@@ -98,7 +99,7 @@ def _waves_at(vessel: Vessel, waves: WaveField | FlatWater) -> tuple[HullWaves |
     return waves.at_hull(hulls.points_frd_m, hulls.point_share), waves.shear_drift_ne_mps(vessel.rest.draft_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class SimulationState:
     """The world at time_ns, with the surroundings of the vessels in the last step."""
 

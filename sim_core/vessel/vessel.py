@@ -10,6 +10,7 @@ from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import FLAT_WATER, FlatWater, HullSurface, StillHull, WaveField
 from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
+from sim_core.state_class import state_class
 from sim_core.vessel.battery import Battery, BatteryState
 from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy
 from sim_core.vessel.condition import Condition, healthy, with_row
@@ -32,7 +33,7 @@ _HALF_RATES = 0.5 * np.array(
 ).reshape(12, 4)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class VesselState:
     """State of N vessels."""
 
@@ -53,7 +54,7 @@ class VesselState:
     """The same arrays as parts of one, if a compiled step made them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class PackedState:
     """The state of N vessels in the columns of one array, which a compiled step reads and writes at once."""
 
