@@ -196,7 +196,8 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
     if (curve := propeller.open_water) is not None:
         shaft = turning * curve.max_speed_rps
         ratio = advance / (shaft * curve.diameter_m) if shaft else 0.0
-        share = float(np.interp(ratio, curve.advance_ratio, curve.thrust_coefficient)) / curve.thrust_coefficient[0]
+        ratios, coefficients = curve.curve
+        share = float(np.interp(ratio, ratios, coefficients)) / coefficients[0]
         thrust = rest * share
     elif propeller.medium == "water" and propeller.zero_thrust_speed_mps is not None and turning:
         onward = max(math.copysign(1.0, turning) * advance, 0.0)  # against the thrust: K_T of rest
