@@ -517,7 +517,9 @@ class AbkowitzPropulsion:
         thrust_n = _thrust_n(law, speed, advance)
         if thrust_share is not None:
             thrust_n *= thrust_share
-        added_n = thrust_n - _thrust_n(law, np.zeros_like(speed) + self.nominal_throttle, advance)
+        ahead, resistance = self.rudder.slow(nu_r[:, :1])
+        inside = advance + (ahead - nu_r[:, :1]) * self.actuators.inflow[0]
+        added_n = thrust_n - resistance * _thrust_n(law, np.zeros_like(speed) + self.nominal_throttle, inside)
         angle = self.rudder_sign * actuators[:, law.per_mps.size :] * self.actuators.full_angle_rad
         return added_n, *self.rudder.terms(nu_r, angle)
 

@@ -21,7 +21,8 @@ astern motion, where it is not defined. Neither changes a motion of the method's
   smoothly.
 
 Abkowitz (1964), with the prime system of Chislett and Strom-Tejsen (1965): a polynomial in (u - U0) / U, v / U, r L / U
-and the rudder angle, times rho/2 L^2 U^2 or L^3. U in the divisors is at least a share of U0.
+and the rudder angle, times rho/2 L^2 U^2 or L^3. Below a share of U0, u and U keep the value of that share, and the
+terms of u alone, which are thrust less resistance, are changed so that the resistance falls with u |u|.
 """
 
 from __future__ import annotations
@@ -201,6 +202,7 @@ class AbkowitzTerms:
     nominal_mps: float
     least_mps: float
     products: Products
+    straight: Array  # (K,) 1 for the terms of surge that depend on u alone
     wrench: Array  # (K, 6)
 
     @classmethod
@@ -217,16 +219,24 @@ class AbkowitzTerms:
             nominal_mps=spec.nominal_speed_mps,
             least_mps=spec.least_speed_share * spec.nominal_speed_mps,
             products=Products.from_terms((term.factors for term in values), "uvrd" if rudder else "uvr"),
+            straight=np.array([float(term.component == "X" and not term.factors.strip("u")) for term in values]),
             wrench=wrench @ at_place,
         )
+
+    def slow(self, ahead_mps: Array) -> tuple[Array, Array]:
+        """Return the speed ahead at which the table is read, and the share of its resistance, for any speed ahead."""
+        share = ahead_mps * np.abs(ahead_mps) / self.least_mps**2
+        return np.maximum(ahead_mps, self.least_mps), np.minimum(share, 1.0)
 
     def terms(self, nu_r: Array, *angle_rad: Array) -> tuple[Array]:
         """Return (N, K). angle_rad: (N, 1) of the rudder in the sign of the table, for the terms with it."""
         nu = nu_r.dot(self.at_place)
         u, v, turn = nu[:, :1], nu[:, 1:2], self.length_m * nu[:, 5:]
-        speed = np.maximum(np.hypot(u, v), self.least_mps)
-        columns = np.concatenate(((u - self.nominal_mps) / speed, v / speed, turn / speed, *angle_rad), axis=1)
-        return (self.products.of(columns) * (speed * speed),)
+        ahead, resistance = self.slow(u)
+        speed = np.hypot(ahead, v)
+        columns = np.concatenate(((ahead - self.nominal_mps) / speed, v / speed, turn / speed, *angle_rad), axis=1)
+        share = 1.0 - self.straight + self.straight * resistance
+        return (self.products.of(columns) * (speed * speed) * share,)
 
 
 def mmg_added_mass(spec: MmgSpec, density_kgpm3: float) -> Array:

@@ -117,8 +117,10 @@ class AbkowitzSpec(Specification):
         "of hull and rudder, such as X_udot, Y_v, N_vvr, Y_d, X_udd, Y_0; the sign of N_d tells the sign of the angle",
     ]
     least_speed_share: Annotated[
-        float, Bounds(above=0, at_most=1), "share of U0 below which U in the divisors no longer falls"
-    ] = 0.3
+        float,
+        Bounds(above=0, at_most=1),
+        "share of U0 that the table reaches down to; below, forces keep its values there, and resistance falls with u²",
+    ] = 0.5
 
     def check(self) -> None:
         for name in ("X_udot", "Y_vdot", "N_rdot"):
