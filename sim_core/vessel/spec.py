@@ -244,9 +244,9 @@ class OpenWater(Specification):
     diameter_m: Positive
     max_speed_rps: Annotated[Positive, "speed of the shaft at full command"]
     advance_ratio: Annotated[Table | None, "values of J, rising from 0"] = None
-    thrust_coefficient: Annotated[Table | None, "K_T at each J, falling; beyond the last value, its slope continues"] = (
-        None
-    )
+    thrust_coefficient: Annotated[
+        Table | None, "K_T at each J, falling; beyond the last value, its slope continues"
+    ] = None
     thrust_polynomial: Annotated[Vector | None, "k0, k1, k2 of K_T = k0 + k1 J + k2 J², up to K_T = 0"] = None
     reverse_share: Annotated[Share, "share of K_T when the propeller turns astern"] = 1.0
 
@@ -529,9 +529,7 @@ class VesselSpec(Specification):
         "what `derivatives` or `abkowitz` contain in surge, sway and yaw; xitl adds the other Coriolis terms: "
         "[vessel.md](vessel.md#coriolis-terms-in-a-table); null: damping, required for `abkowitz`",
     ] = None
-    mmg: Annotated[
-        MmgSpec | None, "surge, sway and yaw by the MMG standard method: [vessel.md](vessel.md#mmg)"
-    ] = None
+    mmg: Annotated[MmgSpec | None, "surge, sway and yaw by the MMG standard method: [vessel.md](vessel.md#mmg)"] = None
     abkowitz: Annotated[
         AbkowitzSpec | None, "surge, sway and yaw by Abkowitz's form: [vessel.md](vessel.md#abkowitz)"
     ] = None
@@ -600,7 +598,7 @@ class VesselSpec(Specification):
         return "munk_moment" if self.mmg is not None else self.derivatives_contain or "damping"
 
     def _check_table(self, key: str, parsed: dict[str, Derivative]) -> None:
-        """Check that nothing else gives forces in surge, sway and yaw, and that propellers and rudders fit the table."""
+        """Check that nothing else gives forces in surge, sway and yaw, and that the actuators fit the table."""
         if self.mmg is not None and self.abkowitz is not None:
             raise SpecificationError(("abkowitz",), "and `mmg` exclude each other; keep one")
         if self.mmg is not None and self.derivatives_contain is not None:
@@ -611,18 +609,20 @@ class VesselSpec(Specification):
             raise SpecificationError(("derivatives_contain",), text + "the Munk moment, or `damping`")
         for other in ("added_mass_matrix", "damping_linear_matrix", "cross_flow_drag"):
             if getattr(self, other) is not None:
-                raise SpecificationError((other,), f"and `{key}` both give forces in sway and yaw; leave one of them out")
+                raise SpecificationError(
+                    (other,), f"and `{key}` both give forces in sway and yaw; leave one of them out"
+                )
         if self.stern_force == "on":
             raise SpecificationError(("stern_force",), f"is part of the table `{key}`; use off, or leave it out")
         for group in ("added_mass", "damping_linear", "damping_quadratic"):
-            for field in fields(given := getattr(self, group)):
-                if field.name.startswith(("surge", "sway", "yaw")) and getattr(given, field.name):
+            for each in fields(given := getattr(self, group)):
+                if each.name.startswith(("surge", "sway", "yaw")) and getattr(given, each.name):
                     text = f"and `{key}` both give it; leave it out, or set it to 0"
-                    raise SpecificationError((group, field.name), text)
+                    raise SpecificationError((group, each.name), text)
         for name, derivative in parsed.items():
-            if derivative.component in (0, 1, 5) and not {i for i, _ in derivative.factors} & {2, 3, 4}:
-                if derivative.acceleration in (None, 0, 1, 5):
-                    raise SpecificationError(("derivatives", name), f"and `{key}` both give it; leave one of them out")
+            involved = {derivative.component, derivative.acceleration, *(index for index, _ in derivative.factors)}
+            if involved <= {None, 0, 1, 5}:
+                raise SpecificationError(("derivatives", name), f"and `{key}` both give it; leave one of them out")
         self._check_table_actuators(key)
 
     def _check_table_actuators(self, key: str) -> None:

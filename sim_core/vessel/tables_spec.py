@@ -34,7 +34,9 @@ def parse_term(name: str, letters: str) -> TableTerm:
     match = _NAME.fullmatch(name)
     if match is None or not (match[2] or match[3]) or not set(match[3]) <= set(letters):
         example = "N_vvr or Y_r" if letters == "vr" else "N_vvr, Y_d or Y_0u"
-        raise ValueError(f"is not a term of this table; write a name like {example}, of the factors {', '.join(letters)}")
+        raise ValueError(
+            f"is not a term of this table; write a name like {example}, of the factors {', '.join(letters)}"
+        )
     if len(match[3]) > MOST_FACTORS:
         raise ValueError(f"has more than {MOST_FACTORS} factors; leave it out")
     return TableTerm(match[1], "".join(sorted(match[3])))
@@ -68,10 +70,16 @@ class MmgSpec(Specification):
     m_y: Annotated[NonNegative, "m'y, added mass in sway"]
     j_z: Annotated[NonNegative, "J'z, added moment of inertia in yaw, divided by rho L⁴ d / 2"]
     r_0: Annotated[Positive, "R'0, resistance straight ahead"]
-    derivatives: Annotated[dict[str, float], "of the hull, such as Y_v, N_r, X_vvvv and Y_vvr; v is v_m / U, r is r L / U"]
-    x_p: Annotated[float, Bounds(at_least=-1, at_most=0), "x'P, position of the propeller in its angle of inflow"] = -0.5
+    derivatives: Annotated[
+        dict[str, float], "of the hull, such as Y_v, N_r, X_vvvv and Y_vvr; v is v_m / U, r is r L / U"
+    ]
+    x_p: Annotated[
+        float, Bounds(at_least=-1, at_most=0), "x'P, position of the propeller in its angle of inflow"
+    ] = -0.5
     c_1: Annotated[NonNegative, "C1 of the change of the wake in a turn; 0: the wake of straight motion"] = 0.0
-    c_2_positive: Annotated[Positive, "C2 for a positive inflow angle at the propeller, as in a turn to starboard"] = 1.0
+    c_2_positive: Annotated[Positive, "C2 for a positive inflow angle at the propeller, as in a turn to starboard"] = (
+        1.0
+    )
     c_2_negative: Annotated[Positive, "C2 for a negative inflow angle"] = 1.0
     t_r: Annotated[Share, "t_R, deduction of the rudder's resistance"]
     a_h: Annotated[NonNegative, "a_H, share of the rudder's side force that the hull adds"]
@@ -110,7 +118,7 @@ class AbkowitzSpec(Specification):
     nominal_throttle: Annotated[
         float,
         Bounds(above=0, at_most=1),
-        "throttle of the table, which contains the thrust; other throttles add the difference of the propellers' thrust",
+        "throttle of the table, which contains the thrust; others add the difference of the propellers' thrust",
     ] = 1.0
     derivatives: Annotated[
         dict[str, float],

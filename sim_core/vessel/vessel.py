@@ -127,9 +127,7 @@ class Vessel:
             dt_s=dt_s,
             hydrodynamics=hydrodynamics,
             buoyancy=buoyancy,
-            propulsion=make_propulsion(
-                model, water, dt_s, at_table(centre_of_lateral_resistance(model, rest.draft_m))
-            ),
+            propulsion=make_propulsion(model, water, dt_s, at_table(centre_of_lateral_resistance(model, rest.draft_m))),
             battery=Battery.from_spec(model, dt_s),
             windage=WindDrag.from_spec(model, -rest.depth_m),
             wave_forces=FLAT,

@@ -241,7 +241,7 @@ def _slow_gear(key: str, angle_deg: float, rate_degps: float) -> Iterator[Vessel
         yield wrong(
             "steering.slow",
             f"{key}.rate_degps",
-            f"steering from side to side takes {2 * angle_deg / rate_degps:.0f} s; ships need at most 28 s (SOLAS II-1/29)",
+            f"steering from side to side takes {2 * angle_deg / rate_degps:.0f} s; ships need 28 s (SOLAS II-1/29)",
             "check the unit: degrees per second",
         )
 
@@ -314,13 +314,13 @@ def _contents_findings(rest: AtRest, top_mps: float, at_speed: SmallMotion) -> I
     munk = float(added[1] - added[0]) * top_mps
     drift = float(at_speed.damping[5, 1])
     turning = float(at_speed.damping[1, 5]) / (model.mass_kg * top_mps)
-    given = "`derivatives_contain: %s`" % model.table_contains if model.mmg is None else "the MMG method"
+    given = f"`derivatives_contain: {model.table_contains}`" if model.mmg is None else "the MMG method"
     if munk > 0 and MUNK * munk < drift <= OF_CLARKE * munk:
         key = "vehicle.derivatives_contain" if model.mmg is None else "vehicle.mmg.derivatives.N_v"
         yield wrong(
             "derivatives.munk",
             key,
-            f"drift at {top_mps:.2f} m/s turns the bow away with {drift / munk:.2f} of the Munk moment, which bounds it: "
+            f"drift at {top_mps:.2f} m/s turns the bow away with {drift / munk:.2f} of the Munk moment, its bound: "
             f"N_v contains the Munk moment, and with {given} xitl adds it a second time",
             "write `munk_moment` if only N_v contains it, `added_mass_coriolis` or `coriolis`: docs/vessel.md",
         )
@@ -328,7 +328,7 @@ def _contents_findings(rest: AtRest, top_mps: float, at_speed: SmallMotion) -> I
         yield wrong(
             "derivatives.centrifugal",
             "vehicle.derivatives_contain" if model.mmg is None else "vehicle.mmg.derivatives.Y_r",
-            f"turning at {top_mps:.2f} m/s takes {turning:.2f} times the centripetal force m u r: Y_r contains -m u, and "
+            f"turning at {top_mps:.2f} m/s takes {turning:.2f} times the centripetal force: Y_r contains -m u, and "
             f"with {given} xitl adds it a second time",
             "write `derivatives_contain: coriolis`, or leave m u out of Y_r",
         )
@@ -350,9 +350,7 @@ def _contents_findings(rest: AtRest, top_mps: float, at_speed: SmallMotion) -> I
         )
 
 
-def _derivative_findings(
-    rest: AtRest, hulls: Hulls, top_mps: float, at_speed: SmallMotion
-) -> Iterator[VesselFinding]:
+def _derivative_findings(rest: AtRest, hulls: Hulls, top_mps: float, at_speed: SmallMotion) -> Iterator[VesselFinding]:
     """Compare Y_v and N_v at speed with regressions, and the lever of the drag of drift at rest with the length."""
     model = rest.model
     for axis, symbol, usual in zip((1, 5), ("Y_v", "N_v"), hulls.clarke(top_mps), strict=True):
@@ -362,10 +360,12 @@ def _derivative_findings(
             yield wrong(
                 f"derivative.{symbol}",
                 force_key(model, axis, 1, top_mps),
-                f"{symbol} at {top_mps:.2f} m/s is {has:.3g}, {has / usual:.2g} times the regression of Clarke (1983) for "
-                f"these hulls; up to {OF_CLARKE:g} times is plausible",
+                f"{symbol} at {top_mps:.2f} m/s is {has:.3g}, {has / usual:.2g} times the regression of Clarke (1983); "
+                f"up to {OF_CLARKE:g} times is plausible",
                 "check its unit, its power of ten and whether it belongs to the whole speed u",
             )
+    if model.table_key is not None:
+        yield from _table_yaw_finding(rest, top_mps)
     slow = 0.05 * top_mps
     drifting = np.zeros((2, 6))
     drifting[:, 1] = slow, -slow
@@ -375,11 +375,46 @@ def _derivative_findings(
     if abs(lever_m - model.midship_frd_x_m) > LEVER * model.length_m:
         yield wrong(
             "derivative.lever",
-            force_key(model, 5, 1),
+            force_key(model, 5, 1, 0.0),
             f"at rest, the drag of sideways motion acts {abs(lever_m):.2f} m from the origin, outside the hull of "
             f"{model.length_m:.3g} m",
             "check N_v and Y_v: their unit, their sign and the power of ten",
         )
+
+
+TABLE_YAW = (0.1, 10.0)
+"""N_r of a table's hull over the regression of `clarke_yaw_damping_nmps`. The shipped tables have 0.5 and 0.9."""
+
+
+def _table_yaw_finding(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
+    """Compare N_r of a table's hull at speed with the regression."""
+    rate = 0.05 * top_mps / rest.model.length_m
+    turning = np.zeros((2, 6))
+    turning[:, 0], turning[:, 5] = top_mps, (rate, -rate)
+    moment = rest.drag_n(turning)[:, 5]
+    has, usual = 0.5 * float(moment[0] - moment[1]) / rate, clarke_yaw_damping_nmps(rest, top_mps)
+    if not TABLE_YAW[0] <= has / usual <= TABLE_YAW[1]:
+        yield wrong(
+            "derivative.N_r",
+            force_key(rest.model, 5, 5),
+            f"N_r of the hull at {top_mps:.2f} m/s is {-has:.3g}, {has / usual:.2g} times the regression of Clarke "
+            f"(1983); {TABLE_YAW[0]:g} to {TABLE_YAW[1]:g} times are plausible",
+            "check its sign and its power of ten",
+        )
+
+
+def clarke_yaw_damping_nmps(rest: AtRest, speed_mps: float) -> float:
+    """Return -N_r of the hulls in N m s about amidships, at a speed through the water.
+
+    Clarke, Gedling and Hine 1983, The application of manoeuvring criteria in hull design using linear theory: -N_r' =
+    pi (T / L)^2 (1 / 4 + 0.039 B / T - 0.56 B / L), made dimensional by rho L^4 U / 2. The bracket is at least 0.1,
+    because it is negative for hulls far wider than ships.
+    """
+    hulls = Hulls(rest)
+    draft_m, length_m, width_m = hulls.draft_m, hulls.length_m, hulls.width_m
+    bracket = np.maximum(0.25 + 0.039 * width_m / draft_m - 0.56 * width_m / length_m, 0.1)
+    total = float((math.pi * draft_m**2 * length_m**2 * bracket).sum())
+    return 0.5 * rest.water.density_kgpm3 * speed_mps * total
 
 
 TIGHTEST = 0.7
@@ -393,7 +428,7 @@ def turn_findings(rest: AtRest, diameter_m: float, rate_radps: float) -> Iterato
         yield wrong(
             "turn.tight",
             force_key(rest.model, 5, 5, abs(rate_radps) * length_m),
-            f"with full steering it turns in a circle of {diameter_m:.2g} m, {diameter_m / length_m:.2f} of its length; "
+            f"with full steering it turns in a circle of {diameter_m:.2g} m, {diameter_m / length_m:.2f} lengths; "
             "boats with way need a length and more, ships 2.5 to 5 (IMO MSC.137(76): at most 5)",
             "check yaw damping and N_v, the area of rudders, and vehicle.derivatives_contain",
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,10 +18,11 @@ from sim_core.frames import Array, matrix_to_euler
 from sim_core.simulation import Simulation
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Value
-from xitl_cli.plugins.studies.manoeuvres.findings import VesselFinding, odd, wrong
+from xitl_cli.plugins.studies.manoeuvres.findings import AXES, VesselFinding, force_key, odd, wrong
 from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG, Helm
 from xitl_cli.plugins.studies.manoeuvres.measures import stopping, time_to_95_percent
 from xitl_cli.plugins.studies.manoeuvres.size_check import (
+    clarke_yaw_damping_nmps,
     shape_findings,
     size_findings,
     turn_findings,
@@ -73,22 +74,36 @@ def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselChe
     except ValueError as error:
         causes = "".join(f"; {cause.key}: {cause.sentence}; {cause.next_step}" for cause in shape_findings(model))
         raise ValueError(f"{error}{causes}") from error
-    runs = _Runs(rest)
+    still = (("Afloat at rest", tuple(afloat_facts(rest))), ("Small motions about rest", tuple(_small(rest))))
+    findings = list(rest_findings(rest, demands))
+    try:
+        runs = _Runs(rest)
+    except np.linalg.LinAlgError:  # a motion without bounds
+        findings += _diverging(rest)
+        return VesselCheck(model.name, still, tuple(sorted(findings, key=lambda finding: -finding.severity)))
     figures = (
-        ("Afloat at rest", tuple(afloat_facts(rest))),
-        ("Small motions about rest", tuple(_small(rest))),
+        *still,
         ("Under way", tuple(_under_way(rest, runs))),
         ("Turning at full throttle", tuple(_turning(runs))),
         ("Stopping from top speed", tuple(_stopping(runs))),
     )
     values = {fact.key: fact.value for _, facts in figures for fact in facts}
-    findings = [*rest_findings(rest, demands), *_way_findings(rest, demands, values)]
-    findings += way_findings(rest, _number(values, "top_speed_mps"), runs.at_speed[_FULL])
+    findings += _way_findings(rest, demands, values)
+    findings += way_findings(rest, runs.fastest_mps, runs.straight)
     if runs.turns is not None:
         rate_radps = math.radians(_number(values, "turn_rate_starboard_degps"))
         findings += turn_findings(rest, _number(values, "turn_diameter_starboard_m"), rate_radps)
     findings.sort(key=lambda finding: -finding.severity)
     return VesselCheck(model.name, figures, tuple(findings))
+
+
+def _diverging(rest: AtRest) -> Iterator[VesselFinding]:
+    yield wrong(
+        "motion.diverges",
+        "vehicle",
+        "under way its motion grows without bounds",
+        f"correct the other values first; otherwise look for a damping that drives at speed, of {rest.model.name}",
+    )
 
 
 class AtRest:
@@ -114,7 +129,9 @@ class AtRest:
             force: Array = np.concatenate(hydrodynamics.terms(velocity), axis=1) @ hydrodynamics.wrench
             if model.abkowitz is not None:  # its table contains a thrust, which stopped propellers take away
                 stopped = np.zeros((len(velocity), model.commands))
-                force += np.concatenate(propulsion.terms(stopped, velocity, velocity[:, :3]), axis=1) @ propulsion.wrench
+                force += (
+                    np.concatenate(propulsion.terms(stopped, velocity, velocity[:, :3]), axis=1) @ propulsion.wrench
+                )
             return -force
 
         self.drag_n = drag_n
@@ -127,8 +144,10 @@ class AtRest:
 
     @property
     def slowness(self) -> float:
-        """Return the time scale of a large vessel by Froude's law, 1 for a boat. It is a whole number of tenths, so that
-        steps are whole nanoseconds."""
+        """Return the time scale of a large vessel by Froude's law, 1 for a boat.
+
+        It is a whole number of tenths, so that steps are whole nanoseconds.
+        """
         return round(math.sqrt(max(self.model.length_m / LARGE_M, 1.0)), 1)
 
 
@@ -151,15 +170,25 @@ class _Runs:
         vessels = len(THROTTLES) + len(others)
         at_rest = start(simulation, vessels, spread(afloat.state, [0] * vessels))
         reached, self.ahead = sail(simulation, at_rest, ahead, longest_s, every_s=every_s, until=steady)
+        if not np.isfinite(self.ahead.velocity_frd).all():
+            raise np.linalg.LinAlgError("the motion under way grows without bounds")
         self.at_speed = [small_motion(simulation, reached.vessel, vessel) for vessel in range(len(THROTTLES))]
+        self.fastest_mps = float(self.ahead.velocity_frd[:, _FULL, 0].max())  # before an unstable course is lost
+        motion = replace(afloat.state.motion, vel_ned_mps=np.array([[self.fastest_mps, 0.0, 0.0]]))
+        full = replace(afloat.state, motion=motion, rotor_speed=np.array([helm.command(1.0)]))
+        self.straight = small_motion(simulation, full)
 
         full_ahead = start(simulation, 2, spread(reached.vessel, [_FULL, _FULL]))
         turning = np.array([helm.command(1.0, angle) for angle in (FULL_STEERING_DEG, -FULL_STEERING_DEG)])
         self.turns: Track | None = None
         if helm.by != "nothing":
-            _, self.turns = sail(simulation, full_ahead, lambda _t, _m: turning, longest_s, every_s=every_s, until=_turned)
+            _, self.turns = sail(
+                simulation, full_ahead, lambda _t, _m: turning, longest_s, every_s=every_s, until=_turned
+            )
         stopping = np.array([helm.command(-1.0), helm.command(0.0)])
-        _, self.stops = sail(simulation, full_ahead, lambda _t, _m: stopping, longest_s, every_s=every_s, until=_stopped, look_s=1.0)
+        _, self.stops = sail(
+            simulation, full_ahead, lambda _t, _m: stopping, longest_s, every_s=every_s, until=_stopped, look_s=1.0
+        )
 
 
 def _turned(track: Track) -> bool:
@@ -452,24 +481,6 @@ _TURN = 0.5
 """Length over radius of the checked turn at top speed: a turn with a radius of two lengths."""
 
 
-def clarke_yaw_damping_nmps(rest: AtRest, speed_mps: float) -> float:
-    """Return -N_r of the hulls in N m s about amidships, at a speed through the water.
-
-    Clarke, Gedling and Hine 1983, The application of manoeuvring criteria in hull design using linear theory: -N_r' =
-    pi (T / L)^2 (1 / 4 + 0.039 B / T - 0.56 B / L), made dimensional by rho L^4 U / 2. The bracket is at least 0.1,
-    because it is negative for hulls far wider than ships.
-    """
-    motion = rest.state.motion
-    rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
-    total = 0.0
-    for hull in rest.model.demi_hulls:
-        draft_m, length_m = float(np.dot(hull.keel_frd_m, rotation[2])) + depth_m, hull.length_m
-        if draft_m > 0.0:
-            bracket = 0.25 + 0.039 * hull.width_m / draft_m - 0.56 * hull.width_m / length_m
-            total += math.pi * (draft_m / length_m) ** 2 * max(bracket, 0.1) * length_m**4
-    return 0.5 * rest.water.density_kgpm3 * speed_mps * total
-
-
 def _yaw_findings(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
     """Compare the damping of a turn on the spot with Clarke's regression at top speed: a turn ends without way too."""
     if not top_mps > 0.0:
@@ -636,6 +647,5 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
 
 def _damping_key(model: VesselSpec, name: str) -> str:
     """Return the key of an axis' damping."""
-    if model.damping_linear_matrix is not None:
-        return "vehicle.damping_linear_matrix"
-    return "vehicle.derivatives" if model.derivatives else f"vehicle.damping_linear.{name}"
+    axis = AXES.index(name)
+    return force_key(model, axis, axis, 0.0)
