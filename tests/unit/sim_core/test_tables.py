@@ -107,7 +107,7 @@ def held(angle_deg: float) -> Callable[[float], float]:
 
 
 def test_manoeuvres_of_kvlcc2(tanker: VesselSpec) -> None:
-    """Beside an integration of the paper's equations: 1 % in turns, half a degree in zig-zags; beside its table 4: 2 %."""
+    """Beside an integration of the paper's equations: 1 % in turns, half a degree in zig-zags; its table 4: 2 %."""
     ship = Kvlcc2(resistance=0.0157, gyration=0.24, span=0.216 / 0.626)
     zig_zags = [ZigZag(10.0), ZigZag(10.0, -1.0), ZigZag(20.0), ZigZag(20.0, -1.0)]
     theirs = [ZigZag(10.0), ZigZag(10.0, -1.0), ZigZag(20.0), ZigZag(20.0, -1.0)]
@@ -140,6 +140,31 @@ def test_the_table_of_kvlcc2_with_its_published_resistance(tanker: VesselSpec) -
     assert turning(track, 7.0) == pytest.approx(paper, rel=0.01)
 
 
+def test_manoeuvres_of_kvlcc2_at_full_scale() -> None:
+    """Beside an integration of the paper's equations with the ship's wake, resistance and revolutions."""
+    ship = Kvlcc2(
+        length=320.0,
+        draft=20.8,
+        volume=312600.0,
+        gravity_x=11.2,
+        gyration=0.24,
+        diameter=9.86,
+        span=9.86 / 0.624,
+        area=112.5,
+        wake=0.35,
+        resistance=0.0077,
+        rho=1025.0,
+        rate_degps=2.34,
+    )
+    assert ship.self_propulsion_rps(7.974) == pytest.approx(1.219, rel=0.005)
+    own, theirs = ZigZag(20.0), ZigZag(20.0)
+    circle, zig_zag = sailed(shipped("kvlcc2"), SALT, 7.974, [held(35.0), own], 900.0, 0.1)
+    paper = turning(ship.sail(7.974, 1.219, held(35.0), 900.0, 0.5), 320.0)
+    assert turning(circle, 320.0) == pytest.approx(paper, rel=0.01)
+    expected = theirs.overshoots_deg(ship.sail(7.974, 1.219, theirs, 900.0, 0.25))
+    assert own.overshoots_deg(zig_zag)[:2] == pytest.approx(expected[:2], abs=0.5)
+
+
 def test_manoeuvres_of_the_mariner() -> None:
     """Beside the published equations: 4 % of the rate of turn, half a degree of overshoot; measured 0.01 % and 0.2."""
     own, theirs = ([ZigZag(10.0), ZigZag(20.0), ZigZag(20.0, -1.0)] for _ in range(2))
@@ -153,7 +178,7 @@ def test_manoeuvres_of_the_mariner() -> None:
 
 
 def test_the_published_program_of_the_mariner() -> None:
-    """Figures of mariner.m of MSS (2024), run by its own zigzag.m with Euler steps of 0.1 s."""
+    """Figures of mariner.m under zigzag.m of MSS (2024), translated line by line, with its Euler steps of 0.1 s."""
     order = ZigZag(20.0)
     assert order.overshoots_deg(mariner.sail(order, 300.0))[:3] == pytest.approx([7.85, 6.41, 7.25], abs=0.1)
     assert turning(mariner.sail(held(35.0), 700.0), mariner.LENGTH)["rate_degps"] == pytest.approx(0.61955, abs=1e-4)

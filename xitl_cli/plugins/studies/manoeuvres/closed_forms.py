@@ -58,14 +58,14 @@ def waterline(model: VesselSpec, water: Water) -> Waterline | None:
         return np.array([volume - wanted, lever])
 
     at = np.array([0.3 * model.demi_hulls[0].height_m - model.keel_m, 0.0])
-    step = 1e-5
+    step, most = 1e-5, 0.05 * max(model.demi_hulls[0].height_m, 1.0)
     for _ in range(60):
         here = balance(*at)
         if abs(here[0]) < 1e-9 * wanted and abs(here[1]) < 1e-9 * wanted * model.length_m:
             break
         slope = np.column_stack([(balance(*(at + d)) - balance(*(at - d))) / (2 * step) for d in step * np.eye(2)])
         change = np.linalg.lstsq(slope, -here, rcond=None)[0]
-        at = at + change * min(1.0, 0.05 / max(float(np.abs(change).max()), 1e-12))
+        at = at + change * min(1.0, most / max(float(np.abs(change).max()), 1e-12))
     else:
         raise ValueError("finds no rest")
     depth_m, trim_rad = float(at[0]), float(at[1])
