@@ -526,7 +526,7 @@ class VesselSpec(Specification):
     ] = field(default_factory=dict)
     derivatives_contain: Annotated[
         Literal["damping", "munk_moment", "added_mass_coriolis", "coriolis"] | None,
-        "what `derivatives` or `abkowitz` contain in surge, sway and yaw; xitl adds the other Coriolis terms: "
+        "terms of surge, sway and yaw in `derivatives` or `abkowitz`; xitl adds the other Coriolis terms: "
         "[vessel.md](vessel.md#coriolis-terms-in-a-table); null: damping, required for `abkowitz`",
     ] = None
     mmg: Annotated[MmgSpec | None, "surge, sway and yaw by the MMG standard method: [vessel.md](vessel.md#mmg)"] = None
