@@ -15,8 +15,8 @@ from sim_core.vessel.battery import Battery, BatteryState
 from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy
 from sim_core.vessel.condition import Condition, healthy, with_row
 from sim_core.vessel.floating import FloatingPose, floating_pose
-from sim_core.vessel.hydrodynamics import Hydrodynamics
-from sim_core.vessel.propulsion import ExtendedPropulsion, Propulsion, SteeredPropulsion, make_propulsion
+from sim_core.vessel.hydrodynamics import Hydrodynamics, at_table, centre_of_lateral_resistance
+from sim_core.vessel.propulsion import ExtendedPropulsion, OwnPropulsion, make_propulsion
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.step_length import check_step_length
 from sim_core.vessel.wave_forces import FLAT, NoWaveForces, WaveForces
@@ -103,7 +103,7 @@ class Vessel:
     dt_s: float
     hydrodynamics: Hydrodynamics
     buoyancy: Buoyancy
-    propulsion: Propulsion | SteeredPropulsion | ExtendedPropulsion
+    propulsion: OwnPropulsion | ExtendedPropulsion
     battery: Battery | None
     windage: WindDrag
     wave_forces: WaveForces | NoWaveForces
@@ -127,7 +127,7 @@ class Vessel:
             dt_s=dt_s,
             hydrodynamics=hydrodynamics,
             buoyancy=buoyancy,
-            propulsion=make_propulsion(model, water, dt_s),
+            propulsion=make_propulsion(model, water, dt_s, at_table(centre_of_lateral_resistance(model, rest.draft_m))),
             battery=Battery.from_spec(model, dt_s),
             windage=WindDrag.from_spec(model, -rest.depth_m),
             wave_forces=FLAT,

@@ -14,8 +14,11 @@ from sim_core.environment.spec import Water, WaveSpec
 from sim_core.environment.tide import make_tide
 from sim_core.environment.waves import WaveField, jonswap, realise_waves
 from sim_core.vessel.sections import hull_shape
+from tests.oracles import mariner
+from tests.oracles.kvlcc2 import Kvlcc2, ZigZag
 from tools.pictures.browser import fewer_colours
 from tools.pictures.workplace import Workplace
+from xitl_cli.plugins.studies.manoeuvres.ship_trials import ship_trials
 
 INK, BLUE, AMBER, GREEN, RED, GREY = "#1c2733", "#2f6fc4", "#b97a10", "#23834a", "#c23b33", "#8a97a5"
 VESSELS = ("wamv16", "asv-full", "otter", "heron", "cybership2", "blueboat", "asv-third")
@@ -65,6 +68,51 @@ def vehicles(workplace: Workplace, path: Path) -> None:
         axes.set_xticks([])
 
     figure(path, draw, height=4.6)
+
+
+def manoeuvres(workplace: Workplace, path: Path) -> None:
+    """Turning circle and zig-zags of ships with published tables, beside their sources' equations and figures."""
+    ships = {name: xitl.load_profile(f"vehicles/{name}").vehicle for name in ("kvlcc2-l7", "mariner")}
+    plots = {name: {plot.key: plot for plot in ship_trials(ship, name).plots} for name, ship in ships.items()}
+    tanker = Kvlcc2(resistance=0.0157, gyration=0.24)
+    circle = tanker.sail(1.179, 10.4, lambda _turned: 35.0, 160.0, 0.1)
+    zig_zags = {
+        "kvlcc2-l7": (tanker.sail(1.179, 10.4, ZigZag(20.0), 80.0, 0.02), 0.02),
+        "mariner": (mariner.sail(ZigZag(20.0), 300.0, 0.1), 0.1),
+    }
+
+    def draw(axes: Any) -> None:
+        chart, *panels = axes
+        own = plots["kvlcc2-l7"]["ship_turning"].traces[0]
+        chart.plot(own.x, own.y, color=BLUE, label="xitl")
+        chart.plot(
+            circle[::40, 4] / 7, circle[::40, 3] / 7, ".", color=INK, markersize=4, label="equations of the paper"
+        )
+        for (advance, tactical), marker, name in (
+            ((3.31, 3.36), "x", "its simulation: advance, tactical diameter"),
+            ((3.25, 3.34), "s", "free run of MARIN"),
+        ):
+            chart.axhline(advance, 0.0, 0.45, color=GREY, linewidth=0.6)
+            chart.plot([0.1, tactical], [advance, 0.0], marker, color=RED, markersize=6, fillstyle="none", label=name)
+        chart.set(
+            xlabel="east (lengths)",
+            ylabel="north (lengths)",
+            title="KVLCC2 L7, 35°",
+            aspect="equal",
+            xlim=(-0.3, 4.3),
+            ylim=(-1.6, 4),
+        )
+        chart.legend(fontsize=7, loc="lower left")
+        for panel, (name, (states, step_s)) in zip(panels, zig_zags.items(), strict=True):
+            heading = plots[name]["ship_zig_zag_20"].traces[0]
+            shown = heading.x <= len(states) * step_s
+            panel.plot(heading.x[shown], heading.y[shown], color=BLUE)
+            time_s = np.arange(len(states)) * step_s
+            panel.plot(time_s[::100], np.degrees(states[::100, 5]), ".", color=INK, markersize=4)
+            panel.step(time_s, np.degrees(states[:, 6]), color=AMBER, linewidth=0.8)
+            panel.set(xlabel="time (s)", ylabel="heading, rudder (°)", title=f"{name}, zig-zag 20/20")
+
+    figure(path, draw, width=11.0, height=4.2, panels=3)
 
 
 def seas(workplace: Workplace, path: Path) -> None:

@@ -58,14 +58,14 @@ def waterline(model: VesselSpec, water: Water) -> Waterline | None:
         return np.array([volume - wanted, lever])
 
     at = np.array([0.3 * model.demi_hulls[0].height_m - model.keel_m, 0.0])
-    step = 1e-5
+    step, most = 1e-5, 0.05 * max(model.demi_hulls[0].height_m, 1.0)
     for _ in range(60):
         here = balance(*at)
         if abs(here[0]) < 1e-9 * wanted and abs(here[1]) < 1e-9 * wanted * model.length_m:
             break
         slope = np.column_stack([(balance(*(at + d)) - balance(*(at - d))) / (2 * step) for d in step * np.eye(2)])
         change = np.linalg.lstsq(slope, -here, rcond=None)[0]
-        at = at + change * min(1.0, 0.05 / max(float(np.abs(change).max()), 1e-12))
+        at = at + change * min(1.0, most / max(float(np.abs(change).max()), 1e-12))
     else:
         raise ValueError("finds no rest")
     depth_m, trim_rad = float(at[0]), float(at[1])
@@ -196,7 +196,8 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
     if (curve := propeller.open_water) is not None:
         shaft = turning * curve.max_speed_rps
         ratio = advance / (shaft * curve.diameter_m) if shaft else 0.0
-        share = float(np.interp(ratio, curve.advance_ratio, curve.thrust_coefficient)) / curve.thrust_coefficient[0]
+        ratios, coefficients = curve.curve
+        share = float(np.interp(ratio, ratios, coefficients)) / coefficients[0]
         thrust = rest * share
     elif propeller.medium == "water" and propeller.zero_thrust_speed_mps is not None and turning:
         onward = max(math.copysign(1.0, turning) * advance, 0.0)  # against the thrust: K_T of rest

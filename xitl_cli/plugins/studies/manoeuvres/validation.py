@@ -26,6 +26,7 @@ from xitl_cli.plugins.studies.manoeuvres.published import (
     SAME_HEADING_DEG,
     SAME_MODEL,
 )
+from xitl_cli.plugins.studies.manoeuvres.ship_trials import ship_figures, ship_trials
 from xitl_cli.plugins.studies.manoeuvres.station import ESTIMATE_M, loiter_radius_m, station_keeping
 from xitl_cli.plugins.studies.manoeuvres.trials import (
     APPROACH_THROTTLE,
@@ -157,13 +158,11 @@ def validate_vessel(
     if RUNS.get(name):
         tell("published runs")
         sections.append(_published_runs(model, name))
-    for section in trials.sections():
-        tell(section.title.lower())
-        sections.append(section)
-    tell("station keeping")
-    facts = (fact for section in sections for fact in section.facts)
-    top_mps = next(float(fact.value or 0.0) for fact in facts if fact.key == "top_speed_mps")
-    sections.append(station_keeping(model, autopilot, water, top_mps, trials.rest.forward_n))
+    if model.table_key is not None:  # a table holds for manoeuvres ahead near its speed
+        tell("manoeuvres of the table")
+        sections.append(ship_trials(model, name))
+    else:
+        sections += _boat_sections(trials, autopilot, tell)
     values = {
         fact.key: float(fact.value)  # JSON does not accept numpy's number types
         for section in sections
@@ -179,6 +178,7 @@ def validate_vessel(
     for section in sections:
         for fact in section.facts:
             references: list[FigureReference | None] = [*theory.references(fact.key), *_of_runs(name, fact.key)]
+            references += [FigureReference(*figure[1:]) for figure in ship_figures(name, fact.key)]
             if (known := published.get(fact.key)) is not None:
                 allowed = known.tolerance * known.value
                 references.append(FigureReference(known.value, allowed, known.source, known.disputed))
@@ -188,6 +188,19 @@ def validate_vessel(
                 for reference in references or [None]
             ]
     return VesselValidation(name, trials.helm.by, tuple(sections), tuple(figures))
+
+
+def _boat_sections(
+    trials: SeaTrials, autopilot: AutopilotSpec | None, tell: Callable[[str], None]
+) -> Iterator[Section]:
+    """Yield the manoeuvres under way, the response to waves, and station keeping."""
+    top_mps = 0.0
+    for section in trials.sections():
+        tell(section.title.lower())
+        top_mps = next((float(fact.value or 0.0) for fact in section.facts if fact.key == "top_speed_mps"), top_mps)
+        yield section
+    tell("station keeping")
+    yield station_keeping(trials.model, autopilot, trials.water, top_mps, trials.rest.forward_n)
 
 
 def _published_runs(model: VesselSpec, name: str) -> Section:
@@ -250,8 +263,9 @@ class _Theory:
                     self._add(f"{name}_period_s", free.period_s, share * free.period_s, LINEAR)
                     self._add(f"{name}_damping_ratio", free.damping_ratio, OF_RATIO * free.damping_ratio, LINEAR)
             self._waves(afloat)
-        self._straight()
-        self._turns()
+        if model.table_key is None:
+            self._straight()
+            self._turns()
 
     def references(self, key: str) -> list[FigureReference]:
         """Return the references of a figure; empty if theory gives none."""
