@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -82,11 +83,11 @@ def station_keeping(
     """
     current, wind = station_conditions(model, top_speed_mps, thrust_n)
     own = AutopilotSpec() if autopilot is None or autopilot.kind != "embedded" else autopilot
-    base = load_profile("bases/base-sitl")
+    base, site = (_shipped(name) for name in ("bases/base-sitl", "sites/santo-antonio"))
     profile: Profile = replace(
         base,
         name=f"station-{model.name}",
-        site=load_profile("sites/santo-antonio").site,
+        site=site.site,
         vehicle=model,
         environment=EnvironmentSpec(
             water=water,
@@ -113,6 +114,11 @@ def station_keeping(
     way = Trace("way", east, north)
     plot = Plot("station", "Way while it keeps its place at 0, 0", "north (m)", (way,), "map", "east (m)")
     return Section("station", title, facts, plots=(plot,))
+
+
+@cache
+def _shipped(name: str) -> Profile:
+    return load_profile(name)
 
 
 def _way(profile: Profile, step_s: float) -> tuple[Array, Array, Array]:
