@@ -302,6 +302,7 @@ class AutopilotNode(ControlNode):
                 "position_rms_m": score.position_rms_m,
                 "position_nees": score.position_nees,
                 "heading_rms_deg": score.heading_rms_deg,
+                "heading_nees": score.heading_nees,
             },
             "stale_exchanges": self._use.report.stale,
             "actuators": self._use.report,

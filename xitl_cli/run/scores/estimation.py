@@ -57,6 +57,7 @@ class EstimationScore:
         self._position = RootMeanSquare()
         self._normalised = RootMeanSquare()
         self._heading = RootMeanSquare()
+        self._normalised_heading = RootMeanSquare()
 
     def add(
         self,
@@ -65,6 +66,7 @@ class EstimationScore:
         pos_ned_m: NDArray[np.float64],
         quat_ned_frd: NDArray[np.float64],
         pos_deviation_ned_m: NDArray[np.float64] | None = None,
+        yaw_deviation_rad: float | None = None,
     ) -> None:
         """Add an estimate and the truth of the same instant; positions (3,), quaternions (4,)."""
         north, east = (pos_ned_m - true_pos_ned_m)[:2].tolist()
@@ -74,6 +76,8 @@ class EstimationScore:
             self._normalised.add(north * north + east * east)
         error = math.remainder(_yaw_rad(quat_ned_frd) - _yaw_rad(true_quat_ned_frd), math.tau)
         self._heading.add(math.degrees(error) ** 2)
+        if yaw_deviation_rad:
+            self._normalised_heading.add((error / yaw_deviation_rad) ** 2)
 
     @property
     def position_rms_m(self) -> float | None:
@@ -93,6 +97,12 @@ class EstimationScore:
     def heading_rms_deg(self) -> float | None:
         """Root mean square of the heading error; None without an estimate."""
         return self._heading.value()
+
+    @property
+    def heading_nees(self) -> float | None:
+        """Mean of the squared heading error over its variance: 1 if it is consistent, None without a variance."""
+        rms = self._normalised_heading.value()
+        return None if rms is None else rms * rms
 
 
 def _yaw_rad(quat: NDArray[np.float64]) -> float:
@@ -129,4 +139,5 @@ class EstimateCheck:
                 estimate.pos_ned_m,
                 estimate.quat_ned_frd,
                 estimate.pos_deviation_ned_m,
+                estimate.yaw_deviation_rad,
             )

@@ -5,8 +5,8 @@ The approach is a straight course at a given speed and throttle, not 85 % of the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,20 +17,12 @@ from sim_core.vessel.spec import VesselSpec, Windage
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 from xitl_cli.plugins.studies.manoeuvres import measures
 from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG
+from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, Kind, Source
 from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spread, start
 from xitl_cli.plugins.studies.manoeuvres.trials import SeaTrials, SteeringOrder, TurnOrder, ZigZagOrder
 
 LENGTHS_OF_TIME = 45.0
 """Duration in lengths at the approach speed."""
-
-
-class ShipFigure(NamedTuple):
-    """A published figure."""
-
-    key: str
-    value: float
-    allowed: float
-    source: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,51 +31,58 @@ class Approach:
 
     speed_mps: float
     water_kgpm3: float
-    figures: tuple[ShipFigure, ...]
+    references: Mapping[str, tuple[FigureReference, ...]]
+    """References of the manoeuvres, by the key of the fact."""
 
 
-_YASUKAWA = "Yasukawa & Yoshimura 2015, table 4: their simulation"
-_MARIN = "Yasukawa & Yoshimura 2015, table 4: free run of MARIN for SIMMAN 2008"
-_MMG = "equations and tables of Yasukawa & Yoshimura 2015, integrated separately"
-_MSS = "mariner.m of MSS (Chislett & Strom-Tejsen 1965), its equations run with the steps of zigzag.m"
+_YASUKAWA = Source(Kind.PUBLISHED, "Yasukawa & Yoshimura 2015, table 4: their simulation")
+_MARIN = Source(Kind.MEASURED, "Yasukawa & Yoshimura 2015, table 4: free run of MARIN for SIMMAN 2008")
+_MMG = Source(Kind.PUBLISHED, "equations and tables of Yasukawa & Yoshimura 2015, integrated separately")
+_MSS = Source(
+    Kind.PUBLISHED, "mariner.m of MSS (Chislett & Strom-Tejsen 1965), its equations run with the steps of zigzag.m"
+)
 APPROACHES = {
     "kvlcc2-l7": Approach(
         1.179,
         1000.0,
-        (
-            ShipFigure("ship_turn_starboard_advance", 3.31, 0.05 * 3.31, _YASUKAWA),
-            ShipFigure("ship_turn_starboard_advance", 3.25, 0.10 * 3.25, _MARIN),
-            ShipFigure("ship_turn_starboard_tactical", 3.36, 0.05 * 3.36, _YASUKAWA),
-            ShipFigure("ship_turn_starboard_tactical", 3.34, 0.10 * 3.34, _MARIN),
-            ShipFigure("ship_zig_zag_10_first_deg", 5.75, 1.0, _MMG),
-            ShipFigure("ship_zig_zag_10_second_deg", 16.7, 1.0, _MMG),
-            ShipFigure("ship_zig_zag_20_first_deg", 12.5, 1.0, _MMG),
-            ShipFigure("ship_zig_zag_20_second_deg", 18.4, 1.0, _MMG),
-        ),
+        {
+            "ship_turn_starboard_advance": (
+                FigureReference(3.31, 0.05 * 3.31, _YASUKAWA),
+                FigureReference(3.25, 0.10 * 3.25, _MARIN),
+            ),
+            "ship_turn_starboard_tactical": (
+                FigureReference(3.36, 0.05 * 3.36, _YASUKAWA),
+                FigureReference(3.34, 0.10 * 3.34, _MARIN),
+            ),
+            "ship_zig_zag_10_first_deg": (FigureReference(5.75, 1.0, _MMG),),
+            "ship_zig_zag_10_second_deg": (FigureReference(16.7, 1.0, _MMG),),
+            "ship_zig_zag_20_first_deg": (FigureReference(12.5, 1.0, _MMG),),
+            "ship_zig_zag_20_second_deg": (FigureReference(18.4, 1.0, _MMG),),
+        },
     ),
     "mariner": Approach(
         7.7175,
         1025.0,
-        (
-            ShipFigure("ship_turn_starboard_rate_degps", 0.6195, 0.04 * 0.6195, _MSS),
-            ShipFigure("ship_zig_zag_10_first_deg", 4.99, 0.5, _MSS),
-            ShipFigure("ship_zig_zag_10_second_deg", 4.54, 0.5, _MSS),
-            ShipFigure("ship_zig_zag_20_first_deg", 7.85, 0.5, _MSS),
-            ShipFigure("ship_zig_zag_20_second_deg", 6.41, 0.5, _MSS),
-        ),
+        {
+            "ship_turn_starboard_rate_degps": (FigureReference(0.6195, 0.04 * 0.6195, _MSS),),
+            "ship_zig_zag_10_first_deg": (FigureReference(4.99, 0.5, _MSS),),
+            "ship_zig_zag_10_second_deg": (FigureReference(4.54, 0.5, _MSS),),
+            "ship_zig_zag_20_first_deg": (FigureReference(7.85, 0.5, _MSS),),
+            "ship_zig_zag_20_second_deg": (FigureReference(6.41, 0.5, _MSS),),
+        },
     ),
 }
 
 
-def ship_figures(name: str, key: str) -> list[ShipFigure]:
+def ship_references(name: str, key: str) -> tuple[FigureReference, ...]:
     """Return the published figures of a vessel's manoeuvre."""
     known = APPROACHES.get(name)
-    return [] if known is None else [figure for figure in known.figures if figure.key == key]
+    return () if known is None else known.references.get(key, ())
 
 
 def ship_trials(model: VesselSpec, name: str) -> Section:
     """Run the manoeuvres of a vessel with a table. Without a published approach, they begin at its cruise speed."""
-    approach = APPROACHES.get(name) or Approach(model.cruise_speed_mps or 0.0, Water().density_kgpm3, ())
+    approach = APPROACHES.get(name) or Approach(model.cruise_speed_mps or 0.0, Water().density_kgpm3, {})
     title = "Manoeuvres of the published table"
     if approach.speed_mps == 0.0:
         return Section("ship", title, (), lacks=("give vehicle.cruise_speed_mps, the speed of the approach",))
