@@ -39,6 +39,9 @@ OF_RECORDING = (
 _WIND = 4
 _LOCAL = 6  # north, east, yaw, velocity ahead and to starboard, yaw rate
 _STEPS = np.array([1e-4, 1e-3, 1e-3, 1e-3])  # rad, m/s, m/s, rad/s
+_MOST_CHANGE = np.array([20.0, 20.0, 0.5, 1.0, 1.0, 0.5])
+"""Largest correction of an initial state in a round."""
+_FAR = 1e3
 _KEY_STEP, _DELAY_STEP_S, _WIND_STEP_MPS, _SMALL = 2e-3, 0.01, 0.05, 1e-5
 _HUBER = 2.0
 _DELAY_OF = np.array([{"yaw": 0, "yaw_rate": 2}.get(name, 1) for name in NAMES])
@@ -123,14 +126,15 @@ class _Problem:
         _, base, local = self._moved(x)
         residual, weight = (base - self.windows.values) * self.weight, self.weight[:, None]
         for window, rows in enumerate(self._rows):
-            self.starts[window] -= np.linalg.lstsq(local[rows] * weight[rows], residual[rows], rcond=1e-9)[0]
+            change = np.linalg.lstsq(local[rows] * weight[rows], residual[rows], rcond=1e-9)[0]
+            self.starts[window] -= np.clip(change, -_MOST_CHANGE, _MOST_CHANGE)
         self._moved_at = self._slopes_at = b""
 
     def reweighted(self, x: Floats) -> dict[str, float]:
         """Weight the residuals at x anew, and return the noise of each quantity, robust."""
         residual = self.residuals(x)[: len(self.windows.window)] / self.weight
         noise, code = {}, self.windows.quantity
-        if not np.isfinite(residual).all():
+        if np.abs(residual).max() >= 0.5 * _FAR:
             raise UserError("the simulated motion is not finite; begin with other values in the vehicle's file")
         for number in np.unique(code):
             own = code == number
@@ -161,11 +165,12 @@ class _Problem:
         motion = self._motion(x, begin)
         parts = [motion[:, number * count : (number + 1) * count] for number in range(1 + len(_STEPS))]
         base = self._measured(parts[0], x)
+        base = np.where(np.isfinite(base), base, _FAR)  # a step that makes the motion diverge is taken back
         local = np.zeros((len(base), _LOCAL))
         for column, code in enumerate(OF_POSITION):
             local[:, column] = self.windows.quantity == code
         for column, (part, step) in enumerate(zip(parts[1:], _STEPS, strict=True), start=2):
-            local[:, column] = (self._measured(part, x) - base) / step
+            local[:, column] = np.nan_to_num((self._measured(part, x) - base) / step, posinf=0.0, neginf=0.0)
         self._moved_at, self._moved_kept = x.tobytes(), (parts[0], base, local)
         return self._moved_kept
 
@@ -185,7 +190,7 @@ class _Problem:
                 step = _KEY_STEP if column < keys else _DELAY_STEP_S if column == keys else _WIND_STEP_MPS
             other[column] += step
             motion = self._motion(other, self.starts[:, 2:]) if simulated else base_motion
-            columns[:, column] = (self._measured(motion, other) - base) / step
+            columns[:, column] = np.nan_to_num((self._measured(motion, other) - base) / step, posinf=0.0, neginf=0.0)
         self._slopes_at, self._slopes_kept = x.tobytes(), columns
         return columns
 

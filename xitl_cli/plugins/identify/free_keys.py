@@ -28,28 +28,34 @@ USUAL_KEYS = (
 )  # fmt: skip
 """Free without `--free`, if the vehicle has a value above 0 there. The thrust ahead gives forces their scale."""
 
-PRIOR_LOG = 1.0
-"""Standard deviation of the logarithm of a key before the fit: 68 % within a factor of 2.7."""
+PRIOR_LOG, PRIOR_SIGNED = 1.0, 3.0
+"""Standard deviations of x before the fit: 68 % within a factor of 2.7, or within three times the start."""
 
 
 @dataclass(frozen=True, slots=True)
 class FreeKey:
     """A key, or the same key of several list items, as one number x that is 0 at the start.
 
-    A positive value is start exp(x), which cannot become negative. A negative one is start (1 + x).
+    A positive value is start exp(x), which cannot become negative. A negative value or a derivative, which may change
+    its sign, is start + |start| x.
     """
 
     key: str
     paths: tuple[KeyPath, ...]
     start: float
 
+    @property
+    def signed(self) -> bool:
+        """Whether the value may change its sign."""
+        return self.start < 0.0 or self.key.startswith("derivatives.")
+
     def value(self, x: float) -> float:
         """Value of the key."""
-        return self.start * math.exp(x) if self.start > 0.0 else self.start * (1.0 + x)
+        return self.start + abs(self.start) * x if self.signed else self.start * math.exp(x)
 
     def slope(self, x: float) -> float:
         """Derivative of the value by x."""
-        return self.value(x) if self.start > 0.0 else self.start
+        return abs(self.start) if self.signed else self.value(x)
 
 
 def free_keys(vessel: VesselSpec, asked: Sequence[str], fixed: Sequence[str]) -> tuple[FreeKey, ...]:
@@ -148,4 +154,4 @@ def _replaced(group: Any, path: KeyPath, value: float) -> Any:
 
 def priors(keys: Sequence[FreeKey]) -> Floats:
     """Return the standard deviations of x before the fit, (P,)."""
-    return np.full(len(keys), PRIOR_LOG)
+    return np.array([PRIOR_SIGNED if key.signed else PRIOR_LOG for key in keys])

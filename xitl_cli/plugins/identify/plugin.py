@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from xitl_cli.plugin import Command, keep_group
+from xitl_cli.plugin import Command
 
 if TYPE_CHECKING:
     import typer
 
 
 def _add(app: typer.Typer, name: str) -> None:
-    from xitl_cli.plugins.identify import vessel_command
+    from xitl_cli.plugins.identify import sensors_command, vessel_command
 
-    keep_group(app)
+    app.command("sensors")(sensors_command.sensors)
     app.command("vessel")(vessel_command.vessel)
 
 
-COMMAND = Command("Identify the parameters of a vessel from logs.", _add, group=True)
+COMMAND = Command("Identify a vessel and its sensors from logs.", _add, group=True)

@@ -27,7 +27,7 @@ class ColumnSpec(Specification):
 
     column: str
     unit: Literal["s", "ms", "us", "ns", "m", "m/s", "kn", "rad", "deg", "rad/s", "deg/s"]
-    sign: Annotated[Literal[1, -1], "-1 for an axis in the other direction"] = 1
+    reversed: Annotated[bool, "for an axis in the other direction"] = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +93,7 @@ def read_table(path: Path, columns: ColumnMap) -> Recording:
     for field in fields(columns):
         spec = getattr(columns, field.name)
         if isinstance(spec, ColumnSpec) and field.name != "time":
-            values = _numbers(path, table, spec.column) * spec.sign * _FACTORS[spec.unit]
+            values = _numbers(path, table, spec.column) * _FACTORS[spec.unit] * (-1.0 if spec.reversed else 1.0)
             good = np.isfinite(values) & np.isfinite(time_s) & (np.diff(time_s, prepend=-np.inf) > 0.0)
             if np.count_nonzero(good) < 2:
                 raise UserError(
