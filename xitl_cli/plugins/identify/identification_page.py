@@ -102,6 +102,7 @@ def _plots(result: Identification) -> Sequence[Plot]:
             (
                 Trace("measured", own.time_s, own.measured[:, axis]),
                 Trace("predicted", own.time_s, own.predicted[:, axis]),
+                Trace("by the first vehicle", own.time_s, own.before[:, axis]),
             ),
             kind="xy",
             x_label="time (s)",

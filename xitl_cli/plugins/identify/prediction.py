@@ -39,7 +39,9 @@ class Prediction:
     measured: Floats
     """(K, 3) velocity ahead, to starboard and of the yaw."""
     predicted: Floats
-    """(K, 3)."""
+    """(K, 3) by the identified vehicle."""
+    before: Floats
+    """(K, 3) by the vehicle before the fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +172,7 @@ def scores(predictor: Predictor, recordings: Sequence[Recording]) -> tuple[list[
                     windows.start_s[number] + np.arange(len(measured)) * _STEP_S,
                     measured[:, number, 3:],
                     predicted["identified"][:, number, 3:],
+                    predicted["start"][:, number, 3:],
                 )
                 for number in range(len(windows))
             ]

@@ -53,7 +53,9 @@ def identify_sensors(log: Log) -> SensorEstimate:
     """Raises UserError for a log without samples of an IMU, or without rest."""
     units = [unit for unit in inertial_units(log) if unit.gyro_radps is not None and unit.accel_mps2 is not None]
     if not units:
-        raise UserError(f"{log.path} has no samples of an IMU; record IMU (DataFlash, LOG_BITMASK bit 18 for all samples)")
+        raise UserError(
+            f"{log.path} has no samples of an IMU; record IMU (DataFlash, LOG_BITMASK bit 18 for all samples)"
+        )
     unit, rest = units[0], find_rest(log, units)
     if rest.longest_s < LEAST_REST_S:
         raise UserError(

@@ -14,7 +14,9 @@ from xitl_cli.errors import UserError
 
 
 def sensors(
-    file: Annotated[Path, typer.Argument(metavar="LOG", help="Log with a boat at rest, and with manoeuvres if possible.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Log with a boat at rest, and with manoeuvres if possible.")
+    ],
     out: Annotated[Path | None, typer.Option("--out", metavar="YAML", help="File of the block `sensors`.")] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -40,7 +42,11 @@ def sensors(
         except OSError as error:
             raise UserError(f"{out}: cannot be written ({error.strerror}); choose another place") from error
     if as_json:
-        document = {"rest_s": found.rest_s, "sensors": [asdict(own) for own in found.values], "lacks": list(found.lacks)}
+        document = {
+            "rest_s": found.rest_s,
+            "sensors": [asdict(own) for own in found.values],
+            "lacks": list(found.lacks),
+        }
         typer.echo(json.dumps(document, allow_nan=False, ensure_ascii=False))
         return
     rows = [

@@ -104,7 +104,10 @@ def test_what_a_recording_lacks() -> None:
         check_recording(run.part(0.0, 12.0), 2)
     with pytest.raises(UserError, match=r"commands change by 0\.000 of full; record steps"):
         check_recording(replace(run, commands=np.full_like(run.commands, 0.3)), 2)
-    degrees = {**run.channels, "yaw_rate": Channel(run.channels["yaw_rate"].time_s, run.channels["yaw_rate"].values * 57.3)}
+    degrees = {
+        **run.channels,
+        "yaw_rate": Channel(run.channels["yaw_rate"].time_s, run.channels["yaw_rate"].values * 57.3),
+    }
     with pytest.raises(UserError, match=r"yaw_rate is 6\d\.?\d* times the rate of yaw .*correct the unit"):
         check_recording(replace(run, channels=degrees), 2)
     north = run.channels["north"]
