@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -29,12 +30,12 @@ SHARED = (("command delay", "s", 0.1), ("delay of position and velocity", "s", 0
 OF_RECORDING = (
     ("current north", "m/s", 0.5),
     ("current east", "m/s", 0.5),
-    ("yaw bias", "rad", 0.05),
+    ("yaw bias", "rad", 0.1),
     ("yaw rate bias", "rad/s", 0.01),
     ("wind north", "m/s", 3.0),
     ("wind east", "m/s", 3.0),
 )
-"""Nuisance parameters: name, unit, and standard deviation before the fit, with mean 0. Wind is relative to the water."""
+"""Nuisance parameters: name, unit, standard deviation before the fit. Wind is relative to the water."""
 
 _WIND = 4
 _LOCAL = 6  # north, east, yaw, velocity ahead and to starboard, yaw rate
@@ -107,7 +108,7 @@ class _Problem:
 
     def __post_init__(self) -> None:
         ends = np.searchsorted(self.windows.window, np.arange(len(self.windows) + 1))
-        self._rows = [slice(first, last) for first, last in zip(ends[:-1], ends[1:], strict=True)]
+        self._rows = [slice(first, last) for first, last in pairwise(ends)]
 
     # Residuals
     def residuals(self, x: Floats) -> Floats:
@@ -232,11 +233,12 @@ def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats
     current, (yaw_bias, rate_bias) = nuisance[window, :2], nuisance[window, 2:4].T
     place = place_m[window] + state[:, :2] + current * offset_s[:, None]
     north, east = (state[:, 3:5] + current).T
-    cos, sin = np.cos(state[:, 2]), np.sin(state[:, 2])
+    shown_yaw = state[:, 2] + yaw_bias  # velocities of the body are those of the receiver, turned by the measured yaw
+    cos, sin = np.cos(shown_yaw), np.sin(shown_yaw)
     of_quantity: dict[str, Callable[[], Floats]] = {
         "north": lambda: place[:, 0],
         "east": lambda: place[:, 1],
-        "yaw": lambda: state[:, 2] + yaw_bias,
+        "yaw": lambda: shown_yaw,
         "vel_north": lambda: north,
         "vel_east": lambda: east,
         "yaw_rate": lambda: state[:, 5] + rate_bias,
@@ -269,7 +271,7 @@ def fit(
     robust: bool = True,
     say: Callable[[str], None] = lambda text: None,
 ) -> Fit:
-    """Fit the keys to windows; without keys, the nuisance parameters alone. Raises UserError if the model cannot follow.
+    """Fit the keys to windows; without keys, the nuisance parameters alone. Raises UserError if the motion diverges.
 
     wind: fit a mean wind for each recording, if the vehicle has areas in the wind. robust: use Huber's weights.
     """
@@ -281,7 +283,7 @@ def fit(
     noise = np.array([sigma for _, sigma in QUANTITIES.values()])
     weight = 1.0 / noise[windows.quantity]
     problem = _Problem(vessel, tuple(keys), windows, Plant(water), prior, windows.starts(), weight, wind, robust)
-    x, noise = np.zeros(len(prior)), {}
+    x, of_quantity = np.zeros(len(prior)), {}
     for number in range(1, _ROUNDS + 1):
         before = x
         solution = least_squares(
@@ -292,12 +294,14 @@ def fit(
         say(f"round {number}: largest change {moved.max():.2f} of its standard error")
         problem.improve_starts(x)
         if number <= _WEIGHING_ROUNDS:
-            noise = problem.reweighted(x)
+            of_quantity = problem.reweighted(x)
         elif moved.max() < _SETTLED:
             break
     covariance = _covariance(problem, x)
     fitted = with_values(vessel, keys, x[: len(keys)])
-    return Fit(tuple(keys), fitted, x, covariance, prior, noise, windows, problem.starts, number, problem.evaluations)
+    return Fit(
+        tuple(keys), fitted, x, covariance, prior, of_quantity, windows, problem.starts, number, problem.evaluations
+    )
 
 
 def _covariance(problem: _Problem, x: Floats) -> Floats:

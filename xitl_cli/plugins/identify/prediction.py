@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_core.environment.spec import Water
-from xitl_cli.plugins.identify.fit import Fit, fit
+from xitl_cli.plugins.identify.fit import SHARED, Fit, fit
 from xitl_cli.plugins.identify.recording import Floats, Recording
 from xitl_cli.plugins.identify.windows import OUTPUT_S, Plant, Windows, cut
 
@@ -92,10 +92,7 @@ def _paths(velocity: Floats, start: Floats) -> Floats:
     result[:, :, 3:] = velocity
     turn = 0.5 * (velocity[1:, :, 2] + velocity[:-1, :, 2]) * _STEP_S
     result[:, :, 2] = start[:, 2] + np.concatenate([np.zeros((1, len(start))), np.cumsum(turn, axis=0)])
-    cos, sin = np.cos(result[:, :, 2]), np.sin(result[:, :, 2])
-    ne = np.stack(
-        [cos * velocity[:, :, 0] - sin * velocity[:, :, 1], sin * velocity[:, :, 0] + cos * velocity[:, :, 1]], axis=2
-    )
+    ne = _turned(velocity[:, :, :2], result[:, :, 2])
     way = np.cumsum(0.5 * (ne[1:] + ne[:-1]) * _STEP_S, axis=0)
     result[0, :, :2] = start[:, :2]
     result[1:, :, :2] = start[:, :2] + way
@@ -126,23 +123,25 @@ class Predictor:
 
     def _simulated(self, fitted: Fit, windows: Windows, start: Floats) -> Floats:
         nuisance = np.stack([fitted.nuisance(number) for number in range(len(windows.recordings))])[windows.of]
-        delay_s, current, wind = float(nuisance[0, 0]), nuisance[:, 3:5], nuisance[:, 7:9]
-        cos, sin = np.cos(start[:, 2]), np.sin(start[:, 2])
-        begin = start[:, 2:].copy()
-        begin[:, 1] -= cos * current[:, 0] + sin * current[:, 1]
-        begin[:, 2] -= cos * current[:, 1] - sin * current[:, 0]
+        first = len(SHARED)
+        delay_s, bias = float(nuisance[0, 0]), nuisance[:, first + 2]
+        current, wind = nuisance[:, first : first + 2], nuisance[:, first + 4 : first + 6]
+        begin = np.column_stack([start[:, 2] - bias, start[:, 3:]])
+        over_ground = _turned(start[:, 3:5], start[:, 2])
+        begin[:, 1:3] = _turned(over_ground - current, -begin[:, 0])
         motion = self._plant.motion(fitted.vessel, begin, windows.commands(delay_s), wind)
         motion = motion[:: round(_STEP_S / OUTPUT_S)][: round(windows.length_s / _STEP_S) + 1]
-        time_s = np.arange(len(motion))[:, None] * _STEP_S
-        result = np.zeros_like(motion)
-        for axis in (0, 1):
-            result[:, :, axis] = start[:, axis] + motion[:, :, axis] + current[:, axis] * time_s
-        result[:, :, 2] = motion[:, :, 2]
-        north, east = motion[:, :, 3] + current[:, 0], motion[:, :, 4] + current[:, 1]
-        cos, sin = np.cos(motion[:, :, 2]), np.sin(motion[:, :, 2])
-        result[:, :, 3], result[:, :, 4] = cos * north + sin * east, cos * east - sin * north
-        result[:, :, 5] = motion[:, :, 5]
-        return result
+        time_s = np.arange(len(motion))[:, None, None] * _STEP_S
+        yaw = motion[:, :, 2] + bias
+        place = start[:, :2] + motion[:, :, :2] + current * time_s
+        body = _turned(motion[:, :, 3:5] + current, -yaw)
+        return np.concatenate([place, yaw[:, :, None], body, motion[:, :, 5:]], axis=2)
+
+
+def _turned(vector: Floats, angle_rad: Floats) -> Floats:
+    """Return (..., 2) vectors turned by angles (...), from north to east."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.stack([cos * vector[..., 0] - sin * vector[..., 1], sin * vector[..., 0] + cos * vector[..., 1]], axis=-1)
 
 
 def measured_motion(windows: Windows, steps: int) -> Floats:

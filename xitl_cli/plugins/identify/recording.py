@@ -29,6 +29,7 @@ QUANTITIES: Mapping[Quantity, tuple[str, float]] = {
 _SAMPLES_HZ, _AVERAGED_HZ = 10.0, 20.0
 _GAP_S = 1.0
 _SMOOTH_S = 0.3
+_DRIFTING, _NEUTRAL, _BEFORE_S = (0.15, 0.15, 0.05), 0.02, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ def channel(time_s: Floats, values: Floats, *, average: bool = False) -> Channel
     if len(time_s) < 2:
         return Channel(time_s, values)
     rate_hz = _AVERAGED_HZ if average else _SAMPLES_HZ
-    every = max(int(round(1.0 / rate_hz / float(np.median(np.diff(time_s))))), 1)
+    every = max(round(1.0 / rate_hz / float(np.median(np.diff(time_s)))), 1)
     if every == 1:
         return Channel(time_s, values)
     if not average:
@@ -104,6 +105,15 @@ class Recording:
                 bad |= (start_s < end_s) & (start_s + length_s > begin_s)
         return bad
 
+    def idle(self, start_s: Floats, length_s: float) -> NDArray[np.bool_]:
+        """Return whether the boat drifts through each window, with its actuators at neutral all the time, (W,)."""
+        motion = np.abs(self.motion_at(start_s)[:, 3:])
+        still = (motion < _DRIFTING).all(axis=1)
+        instants = start_s[:, None] + np.arange(-_BEFORE_S, length_s, 0.1)
+        held = np.clip(np.searchsorted(self.command_s, instants, side="right") - 1, 0, None)
+        neutral: NDArray[np.bool_] = (np.abs(self.commands[held]) < _NEUTRAL).all(axis=(1, 2))
+        return still & neutral
+
     def mean_commands(self, edges_s: Floats) -> Floats:
         """Return the mean commands between rising (..., E + 1) edges, (..., E, C)."""
         steps = np.diff(self.command_s)[:, None] * self.commands[:-1]
@@ -147,7 +157,7 @@ _RECORD_OUTPUTS = "record RCOU (LOG_BITMASK bit 10, RC output) or SERVO_OUTPUT_R
 
 def check_recording(recording: Recording, commands: int) -> Recording:
     """Return the recording. Raises UserError if it cannot show how the vessel moves."""
-    source, has = recording.source, recording.channels
+    source = recording.source
     if recording.commands.shape[1] != commands:
         raise UserError(
             f"{source} has {recording.commands.shape[1]} commands, but the vehicle takes {commands}; "
@@ -163,8 +173,8 @@ def check_recording(recording: Recording, commands: int) -> Recording:
     spread = np.ptp(recording.commands[inside], axis=0)
     if spread.max(initial=0.0) < _MOVING:
         raise UserError(
-            f"{source}: the commands change by {spread.max(initial=0.0):.3f} of full; record steps of thrust and turns, "
-            "as the profile identify-excitation has them"
+            f"{source}: the commands change by {spread.max(initial=0.0):.3f} of full; record steps of thrust and "
+            "turns, as the profile identify-excitation has them"
         )
     _check_units(recording, np.arange(first_s + 1.0, last_s - 1.0, 0.5))
     return recording

@@ -53,9 +53,7 @@ def identify_sensors(log: Log) -> SensorEstimate:
     """Raises UserError for a log without samples of an IMU, or without rest."""
     units = [unit for unit in inertial_units(log) if unit.gyro_radps is not None and unit.accel_mps2 is not None]
     if not units:
-        raise UserError(
-            f"{log.path} has no samples of an IMU; record IMU (DataFlash, LOG_BITMASK bit 18 for all samples)"
-        )
+        raise UserError(f"{log.path} has no samples of an IMU; record IMU (bit 18 of LOG_BITMASK)")
     unit, rest = units[0], find_rest(log, units)
     if rest.longest_s < LEAST_REST_S:
         raise UserError(
@@ -75,7 +73,7 @@ def identify_sensors(log: Log) -> SensorEstimate:
         values += [delay] if delay is not None else []
     if not receivers or delay is None:
         lacks.append(
-            "the latency of the receiver needs changes of speed: accelerate and stop a few times, and record GPS, ATT, IMU"
+            "the latency of the receiver needs changes of speed: accelerate and stop some times, with GPS, ATT and IMU"
         )
     values += _barometer(log, rest)
     return SensorEstimate(rest.longest_s, tuple(values), tuple(lacks))

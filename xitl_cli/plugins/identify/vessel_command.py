@@ -66,7 +66,7 @@ def vessel(
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Fit inertia, damping and propulsion of a vehicle to logs, and test its predictions on logs that the fit did not use.
+    """Fit inertia, damping and propulsion of a vehicle to logs, and test its predictions on other logs.
 
     Current, wind, biases and delays of each log are fitted too. The thrust ahead is not, as long as it is not named
     with --free: it gives all forces their scale.

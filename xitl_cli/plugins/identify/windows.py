@@ -73,7 +73,9 @@ class Windows:
 
 
 def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None = None) -> Windows:
-    """Cut recordings into windows, one after the other or every `every_s`. Windows with gaps are left out.
+    """Cut recordings into windows, one after the other or every `every_s`.
+
+    Windows with gaps are left out, and those in which the boat only drifts.
 
     Raises UserError when no window remains.
     """
@@ -82,6 +84,7 @@ def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None 
         first_s, last_s = recording.span_s
         start_s = np.arange(first_s + HISTORY_S, last_s - length_s, every_s or length_s)
         start_s = start_s[~recording.broken(start_s, length_s)]
+        start_s = start_s[~recording.idle(start_s, length_s)]
         of.append(np.full(len(start_s), number))
         starts.append(start_s)
     start_s, numbers = np.concatenate(starts), np.concatenate(of).astype(np.intp)

@@ -78,9 +78,8 @@ def test_four_strips_hold_a_boat_in_still_water_as_many_do() -> None:
 
 def full_motion(commands: np.ndarray, start: np.ndarray) -> np.ndarray:
     """The same motion with all strips and steps of 5 ms."""
-    from xitl_cli.plugins.identify.windows import _simulated
-
     from sim_core.vessel.vessel import Vessel
+    from xitl_cli.plugins.identify.windows import _simulated
 
     result = _simulated(Vessel.from_spec(boat(), Water(), 0.005), start, commands, np.zeros((1, 2)))
     return np.asarray(result[-1, 0, 3:])
