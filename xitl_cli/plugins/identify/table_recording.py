@@ -87,7 +87,7 @@ def read_table(path: Path, columns: ColumnMap) -> Recording:
     if len(back):
         raise UserError(
             f"{path}: column {columns.time.column!r} goes from {time_s[back[0]]:g} s back to {time_s[back[0] + 1]:g} s "
-            f"in row {back[0] + 2}; sort the rows by time, and give each run its own file"
+            f"in row {back[0] + 3}; sort the rows by time, and give each run its own file"
         )
     channels: dict[Quantity, Channel] = {}
     for field in fields(columns):
