@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
@@ -181,23 +181,27 @@ class _Problem:
             return self._slopes_kept
         base_motion, base, _ = self._moved(x)
         columns = np.zeros((len(base), len(x)))
-        keys, wind = len(self.keys), self._wind_columns(len(x))
-        for column in range(len(x)):
-            other, step = x.copy(), _SMALL
-            if column in wind and not self.wind:
+        keys, first = len(self.keys), len(self.keys) + len(SHARED)
+        winds = [axis for axis in range(len(OF_RECORDING)) if axis >= _WIND]
+        for column in range(first + len(OF_RECORDING) * len(self.windows.recordings)):
+            if column >= first and (column - first) % len(OF_RECORDING) in winds:
                 continue
-            simulated = column <= keys or column in wind
-            if simulated:
-                step = _KEY_STEP if column < keys else _DELAY_STEP_S if column == keys else _WIND_STEP_MPS
+            step = _KEY_STEP if column < keys else _DELAY_STEP_S if column == keys else _SMALL
+            other = x.copy()
             other[column] += step
-            motion = self._motion(other, self.starts[:, 2:]) if simulated else base_motion
-            columns[:, column] = np.nan_to_num((self._measured(motion, other) - base) / step, posinf=0.0, neginf=0.0)
+            motion = self._motion(other, self.starts[:, 2:]) if column <= keys else base_motion
+            columns[:, column] = self._slope(motion, other, base, step)
+        of_sample = self.windows.of[self.windows.window]
+        for axis in winds if self.wind else ():  # wind acts on the windows of its recording alone: all at once
+            other = x.copy()
+            other[first + axis :: len(OF_RECORDING)] += _WIND_STEP_MPS
+            slope = self._slope(self._motion(other, self.starts[:, 2:]), other, base, _WIND_STEP_MPS)
+            columns[np.arange(len(base)), first + axis + len(OF_RECORDING) * of_sample] = slope
         self._slopes_at, self._slopes_kept = x.tobytes(), columns
         return columns
 
-    def _wind_columns(self, size: int) -> set[int]:
-        first = len(self.keys) + len(SHARED)
-        return {column for column in range(first, size) if (column - first) % len(OF_RECORDING) >= _WIND}
+    def _slope(self, motion: Floats, other: Floats, base: Floats, step: float) -> Floats:
+        return np.nan_to_num((self._measured(motion, other) - base) / step, posinf=0.0, neginf=0.0)
 
     # Simulation and measurement
     def _motion(self, x: Floats, begin: Floats) -> Floats:

@@ -96,7 +96,7 @@ def _add(channels: dict[Quantity, Channel], zero_ns: int, series: Series, first:
 
 
 def _seconds(series: Series, zero_ns: int) -> Floats:
-    return (series.stamp_ns - zero_ns) * 1e-9
+    return np.asarray((series.stamp_ns - zero_ns) * 1e-9, dtype=np.float64)
 
 
 def _velocity_ned(log: Log) -> Series | None:

@@ -26,6 +26,7 @@ QUANTITIES: Mapping[Quantity, tuple[str, float]] = {
 }
 """Unit of each quantity, and a first guess of the standard deviation of its error. The fit estimates the latter."""
 
+_OVER_GROUND: tuple[tuple[Quantity, Quantity], ...] = (("vel_north", "north"), ("vel_east", "east"))
 _SAMPLES_HZ, _AVERAGED_HZ = 10.0, 20.0
 _GAP_S = 1.0
 _SMOOTH_S = 0.3
@@ -111,8 +112,8 @@ class Recording:
         still = (motion < _DRIFTING).all(axis=1)
         instants = start_s[:, None] + np.arange(-_BEFORE_S, length_s, 0.1)
         held = np.clip(np.searchsorted(self.command_s, instants, side="right") - 1, 0, None)
-        neutral: NDArray[np.bool_] = (np.abs(self.commands[held]) < _NEUTRAL).all(axis=(1, 2))
-        return still & neutral
+        neutral = (np.abs(self.commands[held]) < _NEUTRAL).all(axis=(1, 2))
+        return np.asarray(still & neutral)
 
     def mean_commands(self, edges_s: Floats) -> Floats:
         """Return the mean commands between rising (..., E + 1) edges, (..., E, C)."""
@@ -134,7 +135,7 @@ class Recording:
         if "surge" in has:
             motion[:, 3], motion[:, 4] = has["surge"].smooth(time_s), has["sway"].smooth(time_s)
         else:
-            north, east = (_rate(has, name, at, time_s) for name, at in (("vel_north", "north"), ("vel_east", "east")))
+            north, east = (_rate(has, name, at, time_s) for name, at in _OVER_GROUND)
             motion[:, 3] = np.cos(yaw) * north + np.sin(yaw) * east
             motion[:, 4] = np.cos(yaw) * east - np.sin(yaw) * north
         motion[:, 5] = _rate(has, "yaw_rate", "yaw", time_s)
@@ -188,7 +189,7 @@ def _check_units(recording: Recording, time_s: Floats) -> None:
         _compare(recording.source, "yaw_rate", "yaw", has["yaw_rate"].smooth(time_s), slope, 0.05)
     if "north" in has and ("surge" in has or "vel_north" in has):
         motion = recording.motion_at(time_s)
-        slopes = [_rate({at: has[at]}, name, at, time_s) for name, at in (("vel_north", "north"), ("vel_east", "east"))]
+        slopes = [_rate({at: has[at]}, name, at, time_s) for name, at in _OVER_GROUND]
         cos, sin = np.cos(motion[:, 2]), np.sin(motion[:, 2])
         along = cos * slopes[0] + sin * slopes[1]
         names = ("surge", "north, east and yaw") if "surge" in has else ("vel_north, vel_east", "north and east")

@@ -74,6 +74,7 @@ def vessel(
     Exit code: 0 done, also with keys that the logs do not determine; 2 an error.
     """
     IDENTIFY.require("`xitl identify` needs")
+    from sim_core.environment.spec import Water
     from xitl_cli.commands.terminal import progress
     from xitl_cli.logs.report import html
     from xitl_cli.plugins.identify.identification import Settings, identify
@@ -90,7 +91,7 @@ def vessel(
     recordings = [_recording(path, profile, columns, motion) for path in logs]
     settings = Settings(tuple(free or ()), tuple(fix or ()), window, not no_wind, not squares)
     with progress("fitting") as tell:
-        water = profile.environment.water if profile.environment is not None else _fresh_water()
+        water = Water() if profile.environment is None else profile.environment.water
         result = identify(recordings, profile.vehicle, water, settings, [str(path) for path in test or ()], tell)
     if out is not None:
         _write(out, vehicle_text(result, profile, shlex.join(["xitl", *sys.argv[1:]])))
@@ -111,12 +112,6 @@ def _profile(vehicle: str, overrides: list[str] | tuple[()]) -> Profile:
         count = "several vehicles" if others else "no vehicle"
         raise UserError(f"{loaded.entry.origin.source}: has {count}; use a file with one group `vehicle`")
     return profile
-
-
-def _fresh_water() -> object:
-    from sim_core.environment.spec import Water
-
-    return Water()
 
 
 def _recording(path: Path, profile: Profile, columns: Path | None, motion: str) -> Recording:

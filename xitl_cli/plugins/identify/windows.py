@@ -101,8 +101,8 @@ def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None 
             count = len(own.time_s[rows])
             code = np.full(count, NAMES.index(name))
             samples.append((np.full(count, window), code, own.time_s[rows] - begin_s, own.values[rows]))
-    window, quantity, offset_s, values = (np.concatenate(parts) for parts in zip(*samples, strict=True))
-    return Windows(tuple(recordings), numbers, start_s, length_s, window, quantity, offset_s, values)
+    columns = [np.concatenate(parts) for parts in zip(*samples, strict=True)]
+    return Windows(tuple(recordings), numbers, start_s, length_s, *columns)
 
 
 class Plant:
