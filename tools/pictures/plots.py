@@ -23,6 +23,7 @@ from xitl_cli.plugins.studies.manoeuvres.ship_trials import ship_trials
 INK, BLUE, AMBER, GREEN, RED, GREY = "#1c2733", "#2f6fc4", "#b97a10", "#23834a", "#c23b33", "#8a97a5"
 VESSELS = ("wamv16", "asv-full", "otter", "heron", "cybership2", "blueboat", "asv-third")
 CONVOY = "xitl sim fleet-convoy --duration 150 --out runs/convoy"
+EXCITATION = "xitl sim identify-excitation --out runs/excitation"
 CUT = "xitl sim cut.yaml --out runs/cut"
 RIVER = "xitl sim sitl-perception --duration 130 --out runs/river"
 
@@ -332,3 +333,34 @@ def learning(workplace: Workplace, path: Path) -> None:
         axes.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
 
     figure(path, draw, width=6.2, height=5.8)
+
+
+def identification(workplace: Workplace, path: Path) -> None:
+    """A boat over 30 s that the fit did not use: measured, and predicted by two vehicles."""
+    from xitl_cli.plugins.identify.free_keys import free_keys, with_values
+    from xitl_cli.plugins.identify.identification import Settings, identify
+    from xitl_cli.plugins.identify.log_recording import read_log
+    from xitl_cli.profile.schema.agents import ReplaySpec
+
+    vehicle = xitl.load_profile("vehicles/asv-third").vehicle
+    workplace.typed(EXCITATION)
+    log = workplace.folder / "runs/excitation/autopilot.bin"
+    keys = free_keys(vehicle, (), ())
+    start = with_values(vehicle, keys, np.random.default_rng(2).uniform(-0.5, 0.5, len(keys)))
+    found = identify([read_log(log, vehicle, ReplaySpec(), "estimate")], start, Water(), Settings())
+    shown = found.predictions[-1]
+    time_s = shown.time_s - shown.time_s[0]
+
+    def draw(axes: Any) -> None:
+        for own, axis, label, scale in ((axes[0], 0, "surge (m/s)", 1.0), (axes[1], 2, "yaw rate (deg/s)", 57.2958)):
+            own.plot(
+                time_s, scale * shown.before[:, axis], color=AMBER, linewidth=1.4, label="predicted, first vehicle"
+            )
+            own.plot(time_s, scale * shown.measured[:, axis], color=INK, linewidth=2.2, label="measured")
+            own.plot(
+                time_s, scale * shown.predicted[:, axis], "--", color=BLUE, linewidth=1.6, label="predicted, identified"
+            )
+            own.set(xlabel="time (s)", ylabel=label)
+        axes[0].legend(frameon=False, fontsize=9)
+
+    figure(path, draw, panels=2)

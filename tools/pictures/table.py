@@ -67,4 +67,5 @@ PICTURES: dict[str, Maker] = {
     "fleet.png": plots.fleet,
     "perception.png": plots.perception,
     "learning.png": plots.learning,
+    "identify.png": plots.identification,
 }
