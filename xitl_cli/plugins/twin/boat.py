@@ -6,6 +6,7 @@ into intervals: the outputs within each, and the measured motion at its end.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
@@ -70,6 +71,7 @@ class Interval:
     attitude_rad: Array
     """Roll, pitch and yaw at the end, (3,)."""
     armed: bool
+    length_s: float = INTERVAL_S
 
 
 class LinkFrames:
@@ -191,26 +193,27 @@ class BoatTelemetry:
                 series.popleft()
 
     def check(self, waited_s: float) -> None:
-        """Raise UserError if a message that the twin needs is missing after `waited_s`."""
+        """Raise UserError if a message that the twin needs is missing after `waited_s`, infinite after a log's end."""
         if waited_s < WAIT_S:
             return
+        within = f"in {waited_s:.0f} s" if math.isfinite(waited_s) else "before the end of the log"
         if not self._heard:
             raise UserError(
-                f"{self._source}: no MAVLink arrived in {waited_s:.0f} s; let the boat or a ground station forward its "
+                f"{self._source}: no MAVLink arrived {within}; let the boat or a ground station forward its "
                 "telemetry to this address"
             )
         if not self.received:
             others = ", ".join(f"{system} ({count} messages)" for system, count in sorted(self._heard.items()))
             raise UserError(
-                f"{self._source}: system {self._asked} sent nothing in {waited_s:.0f} s, but these did: {others}; "
+                f"{self._source}: system {self._asked} sent nothing {within}, but these did: {others}; "
                 "select one with --system"
             )
         for name, parameter in _NEEDED.items():
             if not self._series[name]:
                 count = sum(self.received.values())
                 raise UserError(
-                    f"{self._source}: system {self.system_id} sent {count} messages in {waited_s:.0f} s and 0 "
-                    f"{name}; request this message at 10 Hz, in ArduPilot with {parameter} = 10"
+                    f"{self._source}: system {self.system_id} sent {count} messages {within} and 0 {name}; "
+                    f"request this message at 10 Hz, in ArduPilot with {parameter} = 10"
                 )
 
     def check_rates(self) -> None:

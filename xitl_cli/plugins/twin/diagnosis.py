@@ -31,15 +31,20 @@ CHANGES_FOR_S = 6.0
 """Time over which a parameter may change after an onset."""
 ALARM = 12.0
 """Evidence of an alarm: no alarm in ten runs of ten minutes without a change, see docs/twin.md."""
-CERTAIN, PATIENCE = 0.95, 8
+PERSISTENCE, CERTAIN, PATIENCE = 6, 0.95, 10
 """An alarm waits for this confidence in one kind, at most this number of intervals."""
+
+REFINED = 0.5
+"""Share of the change that the nominal filter may still correct after an alarm."""
 
 _NOISE = np.array([0.08, 0.08, 0.012, 0.012, 0.15, 0.15])  # of a measured interval: m/s, rad, rad/s, m
 _DRIVEN = np.array([0.03, 0.03, 0.003, 0.01, 0.02, 0.02])  # of the motion, by waves and gusts, per root of a second
 _FORGET = 1.0 / 90.0
 _CLIPPED = 6.0
 POWER = 0.0
-FAST, FCLIP = 0.1, 4.0
+MOST_EVIDENCE = 1e9
+WANDER = None
+FAST, FCLIP = 0.2, 9.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +96,7 @@ class Diagnosis:
     """
 
     propellers: tuple[str, ...]
-    alarm: float = ALARM
+    alarm: float = field(default_factory=lambda: ALARM)
     kinds: tuple[Kind, ...] = field(init=False)
     innovation: Array = field(init=False)
     """(6,) of the nominal filter, measured less predicted."""
@@ -113,6 +118,7 @@ class Diagnosis:
             ([0.3, 0.3, 0.05, 0.05, 0.3, 0.3] * 2, [0.05] * thrusters, [0.1, 0.3, 0.3, 0.05, 1.0, 1.0, 3.0, 3.0])
         )
         self._wander = np.concatenate(([0.003] * thrusters, [0.004, 0.010, 0.010, 0.001, 0.08, 0.08, 0.3, 0.3]))
+        if WANDER: self._wander = np.concatenate(([WANDER[0]] * thrusters, WANDER[1:]))
         self._mean = np.zeros((filters, size))
         self._mean[:, PREDICTED : PREDICTED + thrusters + 1] = 1.0
         self._covariance = np.tile(np.diag(prior**2), (filters, 1, 1))
@@ -146,6 +152,12 @@ class Diagnosis:
         last = PREDICTED + len(self.propellers)
         mean = self._mean[0]
         return Parameters(np.maximum(mean[PREDICTED:last], 0.0), max(float(mean[last]), 0.0), mean[last + 1 : last + 3], mean[-2:])
+
+    @property
+    def learned_noise(self) -> Array:
+        """Standard deviation of a measured motion (6,) from the model, as learned."""
+        noise: Array = _NOISE * np.sqrt(self._noise_scale)
+        return noise
 
     def update(self, prediction: Prediction, unknown: Array, measured: Array, end_ns: int) -> Alarm | None:
         """Advance all filters by one interval, with its measured motion (6,). Return an alarm, if one is due.
@@ -237,8 +249,8 @@ class Diagnosis:
         gain = np.linalg.solve(spread, seen @ self._covariance).transpose(0, 2, 1)
         weighted = np.linalg.solve(spread, innovation[:, :, None])[:, :, 0]
         _, log_volume = np.linalg.slogdet(spread)
-        self._evidence -= 0.5 * (np.vecdot(innovation, weighted) + log_volume)
-        self._evidence -= self._evidence[0]
+        likelihood = -0.5 * (np.vecdot(innovation, weighted) + log_volume)
+        self._evidence += np.minimum(likelihood - likelihood[0], MOST_EVIDENCE)
         self._mean += (gain @ innovation[:, :, None])[:, :, 0]
         self._covariance -= gain @ seen @ self._covariance
         self._covariance = 0.5 * (self._covariance + self._covariance.transpose(0, 2, 1))
@@ -270,8 +282,8 @@ class Diagnosis:
             return None
         if self._crossed is None:
             self._crossed = self.count
-        share = self.probabilities()
-        if share.max() < CERTAIN and self.count - self._crossed < PATIENCE:
+        share, waited = self.probabilities(), self.count - self._crossed
+        if waited < PERSISTENCE or (share.max() < CERTAIN and waited < PATIENCE):
             return None
         return self._accept(end_ns, share)
 
@@ -288,6 +300,7 @@ class Diagnosis:
         deviation = float(np.sqrt(max(self._covariance[best, columns[0], columns[0]], 0.0)))
         onset_ns = end_ns - round((self.count - int(self._began[best]) + 1) * INTERVAL_S * 1e9)
         self._mean[:], self._covariance[:] = self._mean[best], self._covariance[best]
+        self._covariance[:, columns, columns] += (REFINED * kind.change) ** 2
         self._evidence[:] = 0.0
         self._began[:] = -1
         self._crossed = None
