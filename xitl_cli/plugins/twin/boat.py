@@ -94,6 +94,11 @@ class LinkFrames:
             yield [frame for chunk in chunks for frame in self._framer.feed(chunk)]
 
     @property
+    def address(self) -> str:
+        """URL of this end, with its port."""
+        return self._transport.address
+
+    @property
     def now_s(self) -> float:
         """Time for silences."""
         return self._clock_s()

@@ -29,6 +29,7 @@ from xitl_cli.record.topics import MAP_FRAME, MotionEstimate, MotorCommand
 
 LINK = "boat"
 SILENT_S = 10.0
+POSSIBLE_SHARES = (-0.3, 4.0)
 WORST_MPS, WORST_DEGPS = 0.6, 15.0
 """Largest difference between model and boat after a second, as a standard deviation."""
 _INSIDE = (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
@@ -172,6 +173,7 @@ class Twin:
         self.report.seconds += interval.length_s
         self._record_twin(interval, boat, ghost)
         if alarm is not None:
+            check_possible(self._source.name, alarm)
             self._record_alarm(alarm, tell)
         for observer in self._observers:
             observer.show(interval, self._telemetry)
@@ -265,6 +267,16 @@ def check_fit(boat: str, vehicle: VesselSpec, noise: Array) -> None:
             f"{boat}: in the first {LEARNING * INTERVAL_S:.0f} s the boat differed from the model {vehicle.name} by "
             f"{speed_mps:.2f} m/s and {rate_degps:.0f}°/s each second, where {WORST_MPS:g} m/s and {WORST_DEGPS:g}°/s "
             "are the limits; check --vehicle and the order of --outputs"
+        )
+
+
+def check_possible(boat: str, alarm: Alarm) -> None:
+    """Raise UserError if a share is impossible for a boat that the model describes."""
+    low, high = POSSIBLE_SHARES
+    if alarm.unit == "share" and not low <= alarm.size <= high:
+        raise UserError(
+            f"{boat}: {alarm.kind} would be {100 * alarm.size:.0f} % of the model's, outside {100 * low:.0f} to "
+            f"{100 * high:.0f} %; check the order of --outputs, the direction of the propellers and --vehicle"
         )
 
 
