@@ -116,7 +116,8 @@ class ModelBank:
         none = np.zeros((count + 1, 3))
         around = surroundings(self.vessel, self._still, motion, influences(none, none, speeds))
         acceleration = accelerate(self.vessel, motion, speeds, around)
-        return (acceleration[:count] - acceleration[count])[:, (0, 5)]
+        of_thrust: Array = (acceleration[:count] - acceleration[count])[:, (0, 5)]
+        return of_thrust
 
     def start(self, states: Array, thrust_share: Array) -> VesselState:
         """Return vessels at the origin with (N, 4) velocity north and east, heading and yaw rate."""
@@ -167,7 +168,7 @@ def with_drag(vehicle: VesselSpec, share: float) -> VesselSpec:
     """Return the vehicle with a share of its drag ahead: all its dampings of surge by surge."""
     matrix = vehicle.damping_linear_matrix
     if matrix is not None:
-        matrix = ((share * matrix[0][0], *matrix[0][1:]), *matrix[1:])  # type: ignore[assignment]
+        matrix = ((share * matrix[0][0], *matrix[0][1:]), *matrix[1:])
     derivatives = {
         name: value * (share if name.startswith("X_") and set(name[2:]) <= set("u|") else 1.0)
         for name, value in vehicle.derivatives.items()

@@ -1,7 +1,7 @@
 """The MAVLink of a boat: received from a link or read from a telemetry log. Nothing is ever sent.
 
-A source yields the frames. `BoatTelemetry` keeps the signals of one system on its boot clock. `IntervalReader` cuts them
-into intervals: the outputs within each, and the measured motion at its end.
+A source yields the frames. `BoatTelemetry` keeps the signals of one system on its boot clock. `IntervalReader` cuts
+them into intervals: the outputs within each, and its measured motion.
 """
 
 from __future__ import annotations

@@ -13,6 +13,11 @@ from xitl_cli.commands.options import Json, Overwrite, Set, complete_vehicle
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rich.console import Console
+
+    from sim_core.environment.spec import Water
     from xitl_cli.plugins.twin.boat import Outputs
     from xitl_cli.plugins.twin.session import TwinReport
     from xitl_cli.profile.load import LoadedProfile
@@ -103,13 +108,13 @@ def twin(
     raise typer.Exit(1 if report.alarms else 0)
 
 
-def _say(console):  # type: ignore[no-untyped-def]
+def _say(console: Console) -> Callable[[str], None]:
     from xitl_cli.commands.terminal import say
 
     return lambda text: say(console, text, "yellow")
 
 
-def _water(loaded: LoadedProfile):  # type: ignore[no-untyped-def]
+def _water(loaded: LoadedProfile) -> Water:
     from sim_core.environment.spec import Water
 
     environment = loaded.profile.environment

@@ -29,7 +29,7 @@ ONSETS, ONSET_EVERY = 20, 2
 """Number of onsets that are tried, and intervals between them."""
 CHANGES_FOR_S = 6.0
 """Time over which a parameter may change after an onset."""
-ALARM = 12.0
+ALARM = 10.0
 """Evidence of an alarm: no alarm in ten runs of ten minutes without a change, see docs/twin.md."""
 PERSISTENCE, CERTAIN, PATIENCE = 6, 0.95, 10
 """An alarm waits for this confidence in one kind, at most this number of intervals."""
@@ -38,13 +38,11 @@ REFINED = 0.5
 """Share of the change that the nominal filter may still correct after an alarm."""
 
 _NOISE = np.array([0.08, 0.08, 0.012, 0.012, 0.15, 0.15])  # of a measured interval: m/s, rad, rad/s, m
-_DRIVEN = np.array([0.03, 0.03, 0.003, 0.01, 0.02, 0.02])  # of the motion, by waves and gusts, per root of a second
+_DRIVEN = np.array([0.03, 0.03, 0.006, 0.02, 0.02, 0.02])  # of the motion, by waves and gusts, per root of a second
 _FORGET = 1.0 / 90.0
 _CLIPPED = 6.0
-POWER = 0.0
-MOST_EVIDENCE = 1e9
-WANDER = None
-FAST, FCLIP = 0.2, 9.0
+_BURST, _MOST_BURST = 0.2, 9.0
+"""Rate at which a burst of large innovations raises the noise, and its limit, as variances."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +88,10 @@ def kinds_of(propellers: Sequence[str]) -> tuple[Kind, ...]:
 
 @dataclass(slots=True)
 class Diagnosis:
-    """The filters. State: the motion at the end of an interval and its mean (12, see PREDICTED), then thrust shares (P), drag share, current (2), compass, GNSS (2), wind (2).
+    """The filters.
+
+    State: the motion at the end of an interval and its mean (12, see PREDICTED), then thrust shares (P), drag share,
+    current (2), compass, GNSS (2), wind (2).
 
     The errors of compass and GNSS are added to the measured heading and position.
     """
@@ -107,8 +108,10 @@ class Diagnosis:
     _evidence: Array = field(init=False)  # (B,)
     _began: Array = field(init=False)  # (B,) interval of the onset, -1 for an unused filter
     _noise_scale: Array = field(init=False)
+    _wander: Array = field(init=False)
+    _kind_of: Array = field(init=False)
     _crossed: int | None = None
-    _fast: Array = field(init=False)
+    _burst: Array = field(init=False)
 
     def __post_init__(self) -> None:
         self.kinds = kinds_of(self.propellers)
@@ -118,19 +121,15 @@ class Diagnosis:
             ([0.3, 0.3, 0.05, 0.05, 0.3, 0.3] * 2, [0.05] * thrusters, [0.1, 0.3, 0.3, 0.05, 1.0, 1.0, 3.0, 3.0])
         )
         self._wander = np.concatenate(([0.003] * thrusters, [0.004, 0.010, 0.010, 0.001, 0.08, 0.08, 0.3, 0.3]))
-        if WANDER: self._wander = np.concatenate(([WANDER[0]] * thrusters, WANDER[1:]))
         self._mean = np.zeros((filters, size))
         self._mean[:, PREDICTED : PREDICTED + thrusters + 1] = 1.0
         self._covariance = np.tile(np.diag(prior**2), (filters, 1, 1))
         self._evidence = np.zeros(filters)
         self._began = np.full(filters, -1)
         self._noise_scale = np.ones(MOTION)
-        self._fast = np.ones(MOTION)
+        self._burst = np.ones(MOTION)
         self.innovation, self.innovation_deviation = np.zeros(MOTION), np.ones(MOTION)
         self._kind_of = np.tile(np.arange(len(self.kinds)), ONSETS)
-
-    _wander: Array = field(init=False)
-    _kind_of: Array = field(init=False)
 
     def begin(self, motion: Array) -> None:
         """Start all filters at a measured motion (6,)."""
@@ -151,7 +150,9 @@ class Diagnosis:
         """Nominal parameters of the model."""
         last = PREDICTED + len(self.propellers)
         mean = self._mean[0]
-        return Parameters(np.maximum(mean[PREDICTED:last], 0.0), max(float(mean[last]), 0.0), mean[last + 1 : last + 3], mean[-2:])
+        return Parameters(
+            np.maximum(mean[PREDICTED:last], 0.0), max(float(mean[last]), 0.0), mean[last + 1 : last + 3], mean[-2:]
+        )
 
     @property
     def learned_noise(self) -> Array:
@@ -217,7 +218,7 @@ class Diagnosis:
         moved[MOTION + 4 : PREDICTED] += nominal[4:MOTION]
         self._mean = moved + (self._mean - nominal) @ step.T
         # Noise: waves and gusts, outputs between messages, wandering parameters, the change of each filter's kind
-        driven = np.diag(_DRIVEN**2 * self._noise_scale**POWER) * INTERVAL_S + self._of_outputs(unknown)
+        driven = np.diag(_DRIVEN**2) * INTERVAL_S + self._of_outputs(unknown)
         self._covariance = step @ self._covariance @ step.T
         self._covariance[:, :PREDICTED, :PREDICTED] += np.block([[driven, 0.5 * driven], [0.5 * driven, 0.4 * driven]])
         wander = np.tile(self._wander**2 * INTERVAL_S, (len(self._mean), 1))
@@ -244,13 +245,13 @@ class Diagnosis:
         expected = self._mean @ seen.T
         innovation = measured - expected
         innovation[:, 2] = wrap_pi(innovation[:, 2])
-        spread = seen @ self._covariance @ seen.T + np.diag(_NOISE**2 * self._noise_scale * self._fast)
+        spread = seen @ self._covariance @ seen.T + np.diag(_NOISE**2 * self._noise_scale * self._burst)
         self.innovation, self.innovation_deviation = innovation[0], np.sqrt(np.diagonal(spread[0]))
         gain = np.linalg.solve(spread, seen @ self._covariance).transpose(0, 2, 1)
         weighted = np.linalg.solve(spread, innovation[:, :, None])[:, :, 0]
         _, log_volume = np.linalg.slogdet(spread)
         likelihood = -0.5 * (np.vecdot(innovation, weighted) + log_volume)
-        self._evidence += np.minimum(likelihood - likelihood[0], MOST_EVIDENCE)
+        self._evidence += likelihood - likelihood[0]
         self._mean += (gain @ innovation[:, :, None])[:, :, 0]
         self._covariance -= gain @ seen @ self._covariance
         self._covariance = 0.5 * (self._covariance + self._covariance.transpose(0, 2, 1))
@@ -263,8 +264,8 @@ class Diagnosis:
         squared = np.minimum((self.innovation / self.innovation_deviation) ** 2, _CLIPPED)
         rate = max(1.0 / (self.count - SETTLING + 3), _FORGET)
         self._noise_scale *= 1.0 + rate * (squared - 1.0)
-        self._fast *= 1.0 + FAST * (squared - 1.0)
-        self._fast = np.clip(self._fast, 1.0, FCLIP)
+        self._burst *= 1.0 + _BURST * (squared - 1.0)
+        self._burst = np.clip(self._burst, 1.0, _MOST_BURST)
         np.clip(self._noise_scale, 0.05, 400.0, out=self._noise_scale)
 
     def _seen(self) -> Array:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.simulation import SimulationState
 from xitl_cli.plugins.twin.boat import BoatTelemetry, Interval
 from xitl_cli.plugins.twin.session import Observer
 from xitl_cli.profile.load import LoadedProfile, load_with_origins
@@ -70,7 +71,8 @@ class LiveBoat:
     def show(self, interval: Interval, telemetry: BoatTelemetry) -> None:
         """Move the drawn vessel to the boat."""
         state = self._plant.state
-        motion = state.vessel.motion  # type: ignore[union-attr]
+        assert isinstance(state, SimulationState)
+        motion = state.vessel.motion
         north_mps, east_mps, _, _, north_m, east_m = interval.motion
         half = 0.5 * interval.length_s
         place = motion.pos_ned_m.copy()
@@ -83,8 +85,8 @@ class LiveBoat:
             quat_ned_frd=quat,
             rot_ned_frd=quat_to_matrix(quat),
         )
-        vessel = replace(state.vessel, motion=moved, packed=None)  # type: ignore[union-attr]
-        self._plant.state = replace(state, vessel=vessel, time_ns=interval.end_ns)  # type: ignore[type-var]
+        vessel = replace(state.vessel, motion=moved, packed=None)
+        self._plant.state = replace(state, vessel=vessel, time_ns=interval.end_ns)
         self._control.command = MotorCommand(tuple(interval.commands[-1].tolist()), interval.armed)
         self._control.progress = Progress("", armed=interval.armed, waypoints=())
         self.speed_mps = math.hypot(north_mps, east_mps)

@@ -23,9 +23,9 @@ from xitl_cli.plugins.twin.diagnosis import LEARNING, Alarm, Diagnosis
 from xitl_cli.plugins.twin.ghost import Ghost, Ghosts
 from xitl_cli.plugins.twin.topics import TOPICS, TwinAlarm, TwinEvidence, TwinInnovation, TwinPrediction
 from xitl_cli.profile.schema.derived_graph import REFERENCE
-from xitl_cli.record.truth import timestamp
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MAP_FRAME, MotionEstimate, MotorCommand
+from xitl_cli.record.truth import timestamp
 
 LINK = "boat"
 SILENT_S = 10.0
