@@ -172,6 +172,29 @@ def with_own_gusts(state: SimulationState) -> SimulationState:
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
     """Return the state one dt_s later, under (N, C) commands in [-1, 1], (1, C) for all vessels: see VesselSpec."""
+    environment, afloat = _environment_and_bodies(simulation, state, rng)
+    return advance(simulation, state, environment, command, afloat)
+
+
+def hold(simulation: Simulation, state: SimulationState, rng: Generator) -> SimulationState:
+    """Return the state one dt_s later with the vessels frozen, while the world continues.
+
+    The vessels then continue as after `step`. `surface` is renewed only with the waves' mean force.
+    """
+    environment, afloat = _environment_and_bodies(simulation, state, rng)
+    time_ns = state.time_ns + simulation.dt_ns
+    if state.time_ns % simulation.drift_ns:
+        return replace(state, time_ns=time_ns, environment=environment, afloat=afloat)
+    time_s, vessel = state.time_ns * 1e-9, state.vessel
+    flows = _flows_at(simulation, environment, vessel.motion, time_s)
+    around = _surroundings(simulation, flows, vessel, time_s)
+    return SimulationState(time_ns, vessel, environment, *flows, around.drift_frd_n, around.surface, afloat)
+
+
+def _environment_and_bodies(
+    simulation: Simulation, state: SimulationState, rng: Generator
+) -> tuple[EnvironmentState, Afloat]:
+    """Return the environment one dt_s later, and the debris and contacts of this step."""
     # Current and gusts, which change over seconds
     environment = state.environment
     long_step = state.time_ns % simulation.drift_ns == 0
@@ -188,7 +211,7 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
             state.vessel.motion,
             water_motion(simulation, environment, state.time_ns),
         )
-    return advance(simulation, state, environment, command, afloat)
+    return environment, afloat
 
 
 def elevation_m(simulation: Simulation, state: SimulationState) -> Array:

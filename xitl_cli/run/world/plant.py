@@ -66,17 +66,14 @@ class Plant:
         if commands is not self._commands:
             self._commands = commands
             self._motors = simulation.by_model(commands) if isinstance(simulation, Fleet) else np.array(commands)
-        self.state = self._step(simulation, before, self._motors, self._rng)
         frozen = [vessel for vessel in self.vessels if vessel.held]
-        if not frozen:
-            return self.state
         for vessel in frozen:
             vessel.held_steps += 1
-        if isinstance(self.state, SimulationState):
-            assert isinstance(before, SimulationState)
-            self.state = replace(self.state, vessel=before.vessel)
-        else:
-            assert isinstance(simulation, Fleet)
+        if frozen and isinstance(simulation, Simulation):
+            self.state = simulations.hold(simulation, before, self._rng)
+            return self.state
+        self.state = self._step(simulation, before, self._motors, self._rng)
+        if frozen and isinstance(simulation, Fleet):
             assert isinstance(before, FleetState)
             self.state = fleets.held(simulation, self.state, before, [vessel.number for vessel in frozen])
         return self.state
