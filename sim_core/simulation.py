@@ -181,28 +181,51 @@ def step(
     """
     end_ns = state.time_ns + max_steps * simulation.dt_ns
     while state.time_ns < end_ns:
-        # Current and gusts, which change over seconds
-        environment = state.environment
-        long_step = state.time_ns % simulation.drift_ns == 0
-        if long_step:
-            environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
-        # Debris and contacts
-        afloat = state.afloat
-        if simulation.waterway is not OPEN_WATER and (long_step or not afloat.idle):
-            afloat = waterways.step(
-                simulation.waterway,
-                simulation.outline,
-                afloat,
-                StepTimes(state.time_ns, simulation.dt_ns, simulation.drift_ns),
-                state.vessel.motion,
-                water_motion(simulation, environment, state.time_ns),
-            )
+        environment, afloat = _environment_and_bodies(simulation, state, rng)
         if not afloat.idle:
             return advance(simulation, state, environment, command, afloat)
         # Steps until the next change
         until_ns = min(end_ns, state.time_ns - state.time_ns % simulation.drift_ns + simulation.drift_ns)
         state = advance(simulation, state, environment, command, afloat, until_ns)
     return state
+
+
+def hold(simulation: Simulation, state: SimulationState, rng: Generator) -> SimulationState:
+    """Return the state one dt_s later with the vessels frozen, while the world continues.
+
+    The vessels then continue as after `step`. `surface` is renewed only with the waves' mean force.
+    """
+    environment, afloat = _environment_and_bodies(simulation, state, rng)
+    time_ns = state.time_ns + simulation.dt_ns
+    if state.time_ns % simulation.drift_ns:
+        return replace(state, time_ns=time_ns, environment=environment, afloat=afloat)
+    time_s, vessel = state.time_ns * 1e-9, state.vessel
+    flows = _flows_at(simulation, environment, vessel.motion, time_s)
+    around = _surroundings(simulation, flows, vessel, time_s)
+    return SimulationState(time_ns, vessel, environment, *flows, around.drift_frd_n, around.surface, afloat)
+
+
+def _environment_and_bodies(
+    simulation: Simulation, state: SimulationState, rng: Generator
+) -> tuple[EnvironmentState, Afloat]:
+    """Return the environment after the step that begins now, and the debris and contacts of this step."""
+    # Current and gusts, which change over seconds
+    environment = state.environment
+    long_step = state.time_ns % simulation.drift_ns == 0
+    if long_step:
+        environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
+    # Debris and contacts
+    afloat = state.afloat
+    if simulation.waterway is not OPEN_WATER and (long_step or not afloat.idle):
+        afloat = waterways.step(
+            simulation.waterway,
+            simulation.outline,
+            afloat,
+            StepTimes(state.time_ns, simulation.dt_ns, simulation.drift_ns),
+            state.vessel.motion,
+            water_motion(simulation, environment, state.time_ns),
+        )
+    return environment, afloat
 
 
 def elevation_m(simulation: Simulation, state: SimulationState) -> Array:

@@ -311,9 +311,9 @@ class BridgeRole(Role):
         now_ns = now()
         for injector in self._injectors:
             injector.serve(now_ns)
-        self._receive(now_ns)
-        if self._lockstep and self._running:
+        if self._lockstep and self._running:  # received at the ticks
             return
+        self._receive(now_ns)
         if self._run_on_ns < self._run_on_end_ns:
             self._run_on()
         self._update_outputs()

@@ -131,9 +131,13 @@ class VehicleLink:
         return self._tcp is None or self._tcp.connected
 
     def wait_for_line(self, timeout_s: float) -> bool:
-        """Wait until the line is connected. Return False at the timeout."""
+        """Wait until the line is connected. Return False at the timeout.
+
+        The last attempt may have been before the start of the autopilot. So each step tries to connect.
+        """
         until_s = monotonic() + timeout_s
-        while not self.line_is_up and (left_s := until_s - monotonic()) > 0.0:
+        while self._tcp is not None and not self.line_is_up and (left_s := until_s - monotonic()) > 0.0:
+            self._tcp.call_at_once()
             self._arrived += self._link.receive(min(left_s, REACH_STEP_S))
         return self.line_is_up
 

@@ -125,6 +125,9 @@ class TcpTransport(Transport):
     def _find_peer(self) -> None:
         """Make a connection if that needs no waiting."""
 
+    def call_at_once(self) -> None:
+        """Try to connect at the next send or receive, even soon after a failure."""
+
     @property
     def peer(self) -> str:
         return "" if self._connection is None else self._connection.peer
@@ -353,6 +356,9 @@ class TcpCaller(TcpTransport):
             self._give_up()
             return
         self._connection, self._calling = _Connection(self._calling, self.address), None
+
+    def call_at_once(self) -> None:
+        self._next_try_s = 0.0
 
     def _give_up(self) -> None:
         if self._calling is not None:

@@ -28,6 +28,7 @@ TURNS = 3
 RUN_S = 60  # of simulation time
 ECHO_FRAMES = 60_000
 RATE_HZ = 1200
+FAST = "sitl-ardupilot-fast"
 _FRAME = (
     b'\n{"timestamp":%.6f,"imu":{"gyro":[0.0, 0.0, 0.0],"accel_body":[0.0, 0.0, -9.81]},'
     b'"position":[0.0, 0.0, 0.0],"quaternion":[1.0, 0.0, 0.0, 0.0],"velocity":[0.0, 0.0, 0.0]}\n'
@@ -48,11 +49,13 @@ class RunCost:
 
 @dataclass(frozen=True)
 class Factors:
-    """By turn. Times real time of bare echoes, left to the scheduler or on one processor with ArduPilot; whole runs."""
+    """By turn. Times real time of bare echoes, left to the scheduler or on one processor with ArduPilot; whole runs of
+    `sitl-ardupilot` and of `sitl-ardupilot-fast`."""
 
     echo: list[float]
     close_echo: list[float]
     runs: list[RunCost]
+    fast_runs: list[RunCost]
 
     @property
     def run(self) -> list[float]:
@@ -68,6 +71,21 @@ class Factors:
     def busy_s(self) -> list[float]:
         """Processor time of whole runs."""
         return [run.busy_s for run in self.runs]
+
+    @property
+    def fast_run(self) -> list[float]:
+        """Times real time of whole runs with fewer frames and exchanges."""
+        return [run.factor for run in self.fast_runs]
+
+    @property
+    def fast_wall_s(self) -> list[float]:
+        """Wall time of these."""
+        return [run.wall_s for run in self.fast_runs]
+
+    @property
+    def fast_busy_s(self) -> list[float]:
+        """Processor time of these."""
+        return [run.busy_s for run in self.fast_runs]
 
     @property
     def ratios(self) -> list[float]:
@@ -126,7 +144,8 @@ def factors(turns: int | None = None) -> Factors:
     """All, in turns, as the machine is noisy."""
     run_s = scaled(RUN_S, 5)
     measured = [
-        (echo_factor(), close_echo_factor(), run_cost(duration_s=run_s)) for _ in range(turns or scaled(TURNS, 1))
+        (echo_factor(), close_echo_factor(), run_cost(duration_s=run_s), run_cost(FAST, run_s))
+        for _ in range(turns or scaled(TURNS, 1))
     ]
     return Factors(*(list(values) for values in zip(*measured, strict=True)))
 
@@ -137,6 +156,9 @@ FIGURES = [
     Figure("sitl-ardupilot, of an echo on one processor with ArduPilot", "", "x", lambda: factors().close_ratios),
     Figure(f"sitl-ardupilot, {RUN_S} s: the whole command", "", "s", lambda: factors().wall_s),
     Figure(f"sitl-ardupilot, {RUN_S} s: processor time", "", "s", lambda: factors().busy_s),
+    Figure(f"{FAST} at 400 frames a second", "", "x real time", lambda: factors().fast_run),
+    Figure(f"{FAST}, {RUN_S} s: the whole command", "", "s", lambda: factors().fast_wall_s),
+    Figure(f"{FAST}, {RUN_S} s: processor time", "", "s", lambda: factors().fast_busy_s),
 ]
 
 
@@ -167,6 +189,9 @@ def main() -> None:
         ("of the echo on one processor", "", measured.close_ratios),
         (f"sitl-ardupilot, {RUN_S} s: wall time, s", "", measured.wall_s),
         (f"sitl-ardupilot, {RUN_S} s: processor time, s", "", measured.busy_s),
+        (f"{FAST}, x real time", "", measured.fast_run),
+        (f"{FAST}, {RUN_S} s: wall time, s", "", measured.fast_wall_s),
+        (f"{FAST}, {RUN_S} s: processor time, s", "", measured.fast_busy_s),
     ):
         each = ", ".join(f"{value:.3g}" for value in values)
         print(f"{name:44s} {statistics.median(values):6.3g}  ({each})  {wanted}")

@@ -147,7 +147,7 @@ def test_a_slower_world_on_request(host: Host) -> None:
 def test_a_reboot_in_mid_run(host: Host) -> None:
     host.run_until(lambda: "AUTOPILOT_VERSION" in host.newest, 10.0)
     host.command(mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
-    host.run_until(lambda: any("started anew" in text for text in host.said), 5.0)
+    host.run_until(lambda: any("has restarted" in text for text in host.said), 5.0)
     host.kinds.clear()
     host.ages_ms.clear()
     host.run(6.0)

@@ -155,6 +155,6 @@ def test_without_the_script_the_bridge_says_what_to_do(tmp_path: Path) -> None:
     with ExitStack() as opened:
         rover = opened.enter_context(Rover(tmp_path))
         boat = Boat(rover.mavlink, opened)
-        boat.run_until(lambda: any("the script on the autopilot says nothing" in text for text in boat.said), READY_S)
+        boat.run_until(lambda: any("the script on the autopilot does" in text for text in boat.said), READY_S)
         assert not boat.status(SCRIPT)
         boat.stop()

@@ -303,7 +303,7 @@ def test_an_autopilot_that_is_slow_to_start_gets_its_first_packet_answered_at_th
 def test_after_a_run_the_vessel_goes_on_as_it_was(world: JsonWorld, autopilot: Autopilot) -> None:
     """So that the autopilot can end in order: it hears that it is to end only between two frames."""
     host = Host(world)
-    host.run(0.5)
+    host.run(4.0)  # the setup of ArduPilot takes 2 s; before its end, SIGTERM ends it at once
     told = world.counts.solution_out
     end_us = host.now_us + 1_000_000
     wait_until(lambda: world.run_on(end_us * 1000))

@@ -28,7 +28,8 @@ LOOPBACKS = [f"hitl-{link}-loopback" for link in ("beaglebone", "can", "canfd", 
 BOARDS = [f"hitl-{link}" for link in ("beaglebone", "can", "canfd", "serial")]
 ARDUPILOT_WAYS = [f"hitl-ardupilot-{way}{what}" for way in ("ahrs", "linux", "usb") for what in ("", "-loopback")]
 OTHERS = [
-    *ARDUPILOT_WAYS, "sitl-ardupilot", "sitl-ardupilot-ahrs", "sitl-ardupilot-steered", "sitl-px4", "hitl-px4",
+    *ARDUPILOT_WAYS, "sitl-ardupilot", "sitl-ardupilot-ahrs", "sitl-ardupilot-fast", "sitl-ardupilot-steered",
+    "sitl-px4", "hitl-px4",
 ]  # fmt: skip
 PERCEPTION = ["sitl-perception", "sitl-ardupilot-perception", "hitl-jetson", "hitl-jetson-loopback", "hitl-full"]
 FLEETS = [f"fleet-{what}" for what in ("ardupilot", "convoy", "crossing", "head-on", "overtaking")]

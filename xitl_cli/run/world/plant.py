@@ -68,17 +68,15 @@ class Plant:
             self._commands = commands
             self._motors = simulation.by_model(commands) if isinstance(simulation, Fleet) else np.array(commands)
         frozen = [vessel for vessel in self.vessels if vessel.held]
-        self.state = self._step(simulation, before, self._motors, self._rng, 1 if frozen else max_steps)
-        if not frozen:
-            return self.state
         for vessel in frozen:
             vessel.held_steps += 1
-        if isinstance(self.state, SimulationState):
-            assert isinstance(before, SimulationState)
-            self.state = replace(self.state, vessel=before.vessel)
-        else:
-            assert isinstance(simulation, Fleet)
+        if frozen and isinstance(simulation, Simulation):
+            self.state = simulations.hold(simulation, before, self._rng)
+            return self.state
+        self.state = self._step(simulation, before, self._motors, self._rng, 1 if frozen else max_steps)
+        if frozen and isinstance(simulation, Fleet):
             assert isinstance(before, FleetState)
+            assert isinstance(self.state, FleetState)
             self.state = fleets.held(simulation, self.state, before, [vessel.number for vessel in frozen])
         return self.state
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from bridged_vehicle import ARMED, BOAT, PLANE, VehicleDouble
@@ -12,6 +13,7 @@ from agent.bridges.vehicle_link import VehicleLink
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Packer
+from agent.wire.tcp import TcpListener
 from agent.wire.transport import TransportError
 from tests.golden import Golden
 from tests.patience import wait_until
@@ -229,6 +231,16 @@ def test_nobody_is_there(golden: Golden) -> None:
     bench.link.update(6 * S)
     golden("message", bench.said[0][1], url=gone.url)
     bench.link.close()
+
+
+def test_one_that_has_just_started_is_reached_without_the_pause_after_a_failure() -> None:
+    before = VehicleDouble()
+    before.close()
+    bench = Bench(before.url)  # nobody listens yet; the next call of its own is half a second later
+    listener = TcpListener(urlsplit(before.url))
+    assert bench.link.wait_for_line(0.25)
+    bench.link.close()
+    listener.close()
 
 
 def test_its_time_requests_are_answered_here(double: VehicleDouble, bench: Bench) -> None:
