@@ -1,6 +1,6 @@
 """One step of N vessels and of the water under them: `move` in numpy, and the same recorded for compiled code.
 
-`MotionStep.steps` runs the recording of `move` where it can, and `move` itself otherwise. Both give the same motion, to
+`MotionStep.step` runs the recording of `move` where it can, and `move` itself otherwise. Both give the same motion, to
 rounding. The physics is in `move` and the functions that it calls, and nowhere else.
 """
 
@@ -110,17 +110,17 @@ class MotionStep:
         """Make copies and pickles without the recordings, whose addresses belong to this process."""
         return MotionStep, (self.vessel, self.hull_waves)
 
-    def steps(self, state: VesselState, influences: Influences, later: Sequence[tuple[float, float]] = ()) -> Moved:
+    def step(self, state: VesselState, influences: Influences, later: Sequence[tuple[float, float]] = ()) -> Moved:
         """Return the vessels one step later, and a further step for each of `later`.
 
         later: time_s and tide_m of each further step. All other influences are those of the first step.
         """
         if later and (self._kernel is None or state.half_change is None or influences.drift_frd_n is None):
-            moved = self._steps(state, influences, ())
-            return self.steps(moved.vessel, _at(*later[0], influences, moved.drift_frd_n), later[1:])
-        return self._steps(state, influences, later)
+            moved = self._step(state, influences, ())
+            return self.step(moved.vessel, _at(*later[0], influences, moved.drift_frd_n), later[1:])
+        return self._step(state, influences, later)
 
-    def _steps(self, state: VesselState, influences: Influences, later: Sequence[tuple[float, float]]) -> Moved:
+    def _step(self, state: VesselState, influences: Influences, later: Sequence[tuple[float, float]]) -> Moved:
         """Return the vessels after steps of one kind."""
         if self._kernel is None or state.half_change is None:  # the first step integrates differently
             return move(self.vessel, self.hull_waves, state, influences)
@@ -131,7 +131,7 @@ class MotionStep:
                 program = self._programs[kind] = _CompiledMove(self.vessel, self.hull_waves, self._kernel, kind)
             except NotRecordableError as error:
                 self._kernel, self.why_numpy = None, f"the step needs {error}"
-                return self.steps(state, influences, later)
+                return self.step(state, influences, later)
         return program(state, influences, later)
 
 

@@ -289,7 +289,7 @@ def advance(
     after_ns = max(until_ns, time_ns + dt_ns)
     instants_s = [instant_ns * 1e-9 for instant_ns in range(time_ns + dt_ns, after_ns, dt_ns)]
     later = [(instant_s, tide.height_m(instant_s)) for instant_s in instants_s]
-    moved = simulation.motion.steps(state.vessel, influences, later)
+    moved = simulation.motion.step(state.vessel, influences, later)
     return SimulationState(after_ns, moved.vessel, environment, *flows, moved.drift_frd_n, moved.surface, afloat)
 
 

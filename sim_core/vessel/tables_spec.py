@@ -122,7 +122,7 @@ class AbkowitzSpec(Specification):
     ] = 1.0
     derivatives: Annotated[
         dict[str, float],
-        "of hull and rudder, such as X_udot, Y_v, N_vvr, Y_d, X_udd, Y_0; N_d is negative if angles to port are positive",
+        "of hull and rudder, such as X_udot, Y_v, N_vvr, Y_d, X_udd, Y_0; angles to port positive: N_d is negative",
     ]
     least_speed_share: Annotated[
         float,

@@ -126,14 +126,14 @@ def test_a_compiled_step_is_the_step_of_numpy(vehicle: str, sea: str, seed: int,
     state, influences = any_state(simulated, draw, vessels), any_influences(simulated, draw, vessels)
     if vessels == 1:
         state = replace(state, condition=any_condition(simulated, draw))
-    compiled = simulated.motion.steps(state, influences)
+    compiled = simulated.motion.step(state, influences)
     assert simulated.motion.why_numpy is None
     assert compiled.vessel.packed is not None
     reference = move(simulated.vessel, simulated.hull_waves, state, influences)
     assert_same(compiled, reference)
     # The next step begins from the packed state
     assert_same(
-        simulated.motion.steps(compiled.vessel, influences),
+        simulated.motion.step(compiled.vessel, influences),
         move(simulated.vessel, simulated.hull_waves, compiled.vessel, influences),
     )
 
@@ -141,11 +141,11 @@ def test_a_compiled_step_is_the_step_of_numpy(vehicle: str, sea: str, seed: int,
 def test_a_changed_part_of_a_packed_state_counts() -> None:
     simulated, draw = simulation("vehicles/otter", "random"), np.random.default_rng(5)
     influences = any_influences(simulated, draw, 1)
-    state = simulated.motion.steps(any_state(simulated, draw, 1), influences).vessel
+    state = simulated.motion.step(any_state(simulated, draw, 1), influences).vessel
     faster = replace(state.motion, vel_ned_mps=state.motion.vel_ned_mps + 1.0)
     changed = replace(state, motion=faster)
     assert_same(
-        simulated.motion.steps(changed, influences), move(simulated.vessel, simulated.hull_waves, changed, influences)
+        simulated.motion.step(changed, influences), move(simulated.vessel, simulated.hull_waves, changed, influences)
     )
 
 
@@ -153,12 +153,12 @@ def test_a_changed_part_of_a_packed_state_counts() -> None:
 def test_a_copy_of_a_state_goes_on_alone(copied: Callable[[VesselState], VesselState]) -> None:
     simulated, draw = simulation("vehicles/heron", "random"), np.random.default_rng(8)
     influences = any_influences(simulated, draw, 2)
-    state = simulated.motion.steps(any_state(simulated, draw, 2), influences).vessel
+    state = simulated.motion.step(any_state(simulated, draw, 2), influences).vessel
     twin = copied(state)
     assert twin.packed is None
-    expected = arrays_of(simulated.motion.steps(state, influences))
+    expected = arrays_of(simulated.motion.step(state, influences))
     state.packed.values[:] = np.nan
-    for name, values in arrays_of(simulated.motion.steps(twin, influences)).items():
+    for name, values in arrays_of(simulated.motion.step(twin, influences)).items():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
@@ -166,15 +166,15 @@ def test_a_copy_of_a_state_goes_on_alone(copied: Callable[[VesselState], VesselS
 def test_a_copy_of_a_simulation_computes_the_same(copied: Callable[[Simulation], Simulation]) -> None:
     simulated, draw = simulation("vehicles/wamv16", "random"), np.random.default_rng(9)
     state, influences = any_state(simulated, draw, 3), any_influences(simulated, draw, 3)
-    expected = arrays_of(simulated.motion.steps(state, influences))
-    for name, values in arrays_of(copied(simulated).motion.steps(state, influences)).items():
+    expected = arrays_of(simulated.motion.step(state, influences))
+    for name, values in arrays_of(copied(simulated).motion.step(state, influences)).items():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
 def test_a_vessel_moves_the_same_alone_and_in_a_batch() -> None:
     simulated, draw = simulation("vehicles/blueboat", "random"), np.random.default_rng(6)
     state, influences = any_state(simulated, draw, 11), any_influences(simulated, draw, 11)
-    together = arrays_of(simulated.motion.steps(state, influences))
+    together = arrays_of(simulated.motion.step(state, influences))
     for row in range(11):
         own = slice(row, row + 1)
         motion = type(state.motion)(*(getattr(state.motion, field.name)[own] for field in fields(state.motion)))
@@ -189,7 +189,7 @@ def test_a_vessel_moves_the_same_alone_and_in_a_batch() -> None:
             command=influences.command[own],
             wrench_frd=None if influences.wrench_frd is None else influences.wrench_frd[own],
         )
-        for name, values in arrays_of(simulated.motion.steps(alone, of_row)).items():
+        for name, values in arrays_of(simulated.motion.step(alone, of_row)).items():
             np.testing.assert_array_equal(values, together[name][own], err_msg=name)
 
 

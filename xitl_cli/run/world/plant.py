@@ -71,6 +71,7 @@ class Plant:
         for vessel in frozen:
             vessel.held_steps += 1
         if frozen and isinstance(simulation, Simulation):
+            assert isinstance(before, SimulationState)
             self.state = simulations.hold(simulation, before, self._rng)
             return self.state
         self.state = self._step(simulation, before, self._motors, self._rng, 1 if frozen else max_steps)
