@@ -231,7 +231,9 @@ def is_steered_at_the_stern(vessel: VesselSpec) -> bool:
 
 def rudder_force_n(vessel: VesselSpec, rudder: Rudder, speed_mps: float) -> float:
     """Return the lateral force in N at full angle, at this speed of the hull and outside any propeller race."""
-    alone = Rudders.from_spec(replace(vessel, rudders=(replace(rudder, propeller=None),)), Water())
+    alone_in_flow = (replace(rudder, propeller=None),)
+    plain = replace(vessel, mmg=None, abkowitz=None, derivatives_contain=None, rudders=alone_in_flow)
+    alone = Rudders.from_spec(plain, Water())
     flow = np.array([[speed_mps, *[0.0] * (FLOW - 1)]])
     _, right_n = alone.forces_n(np.radians([[rudder.max_angle_deg]]), np.zeros((1, len(vessel.propellers))), flow)
     return -float(right_n[0, 0])

@@ -72,6 +72,8 @@ def driven(vessel: VesselSpec) -> ThrustAllocator:
         ("heron", (1, 3), True),
         ("blueboat", (1, 3), True),
         ("cybership2", (1, 2, 3, 4, 5), True),
+        ("kvlcc2-l7", (3, 1), False),
+        ("mariner", (3, 1), False),
     ],
 )
 def test_a_shipped_vessel_gets_as_many_outputs_as_it_has_commands(
