@@ -45,7 +45,7 @@ LEVER = 0.75
 """Largest lever of the side force of drift at rest, in lengths from midship."""
 OF_CLARKE = 5.0
 """Largest Y_v and N_v at speed over their regressions."""
-MUNK = 1.2
+MUNK = 1.15
 """Largest unstable moment over the Munk moment. Shipped vessels have at most 1.07."""
 CENTRIFUGAL = (0.1, 1.5)
 """Y_r at speed over -m u, of tables that contain it; and the largest value of any vessel."""
