@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.vessel.spec import VesselSpec
+from xitl_cli.plugins.studies.manoeuvres.at_rest import AtRest
 from xitl_cli.plugins.studies.manoeuvres.findings import (
     AXES,
     VesselFinding,
@@ -31,10 +31,7 @@ from xitl_cli.plugins.studies.manoeuvres.findings import (
     odd,
     wrong,
 )
-
-if TYPE_CHECKING:
-    from xitl_cli.plugins.studies.manoeuvres.small_motion import SmallMotion
-    from xitl_cli.plugins.studies.manoeuvres.vessel_check import AtRest
+from xitl_cli.plugins.studies.manoeuvres.small_motion import SmallMotion
 
 ADDED_MASS = {0: (0.01, 0.4), 1: (0.2, 3.0), 2: (0.15, 3.0), 4: (0.1, 4.0), 5: (0.15, 3.0)}
 """Limits: in surge as a share of the mass, otherwise of slender-body theory. The shipped vessels have 0.045 to 0.084 in

@@ -21,6 +21,7 @@ from sim_core.simulation import SimulationState
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 from xitl_cli.plugins.studies.manoeuvres import measures
+from xitl_cli.plugins.studies.manoeuvres.at_rest import AtRest
 from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG
 from xitl_cli.plugins.studies.manoeuvres.small_motion import moved
 from xitl_cli.plugins.studies.manoeuvres.track import (
@@ -32,7 +33,6 @@ from xitl_cli.plugins.studies.manoeuvres.track import (
     steady,
     trial,
 )
-from xitl_cli.plugins.studies.manoeuvres.vessel_check import AtRest
 
 APPROACH_THROTTLE = 0.85 ** (1 / 3)
 """85 % of the power, which is proportional to the cube of the propellers' speed."""

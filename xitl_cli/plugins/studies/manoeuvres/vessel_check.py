@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water
 from sim_core.frames import Array, matrix_to_euler
 from sim_core.simulation import Simulation
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Value
+from xitl_cli.plugins.studies.manoeuvres.at_rest import LARGE_M, AtRest
 from xitl_cli.plugins.studies.manoeuvres.findings import AXES, VesselFinding, force_key, odd, wrong
-from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG, Helm
+from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG
 from xitl_cli.plugins.studies.manoeuvres.measures import stopping, time_to_95_percent
 from xitl_cli.plugins.studies.manoeuvres.size_check import (
     clarke_yaw_damping_nmps,
@@ -28,14 +28,10 @@ from xitl_cli.plugins.studies.manoeuvres.size_check import (
     turn_findings,
     way_findings,
 )
-from xitl_cli.plugins.studies.manoeuvres.small_motion import NaturalMode, Plane, SmallMotion, small_motion
-from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spread, start, steady, still_water
+from xitl_cli.plugins.studies.manoeuvres.small_motion import NaturalMode, Plane, small_motion
+from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spread, start, steady
 
 THROTTLES = (0.25, 0.5, 0.75, 1.0)
-_STEP_S = (0.01, 0.005, 0.0025, 0.001, 0.0005)
-"""Possible steps. The check uses the longest step that follows the vessel's fastest motion: its runs are slow.
-"""
-_STEPS_PER_RADIAN = 8.0
 _LONGEST_S, _EVERY_S = 240.0, 0.05
 """Longest run and time between samples, of a boat."""
 _FULL = len(THROTTLES) - 1
@@ -104,51 +100,6 @@ def _diverging(rest: AtRest) -> Iterator[VesselFinding]:
         "under way its motion grows without bounds",
         f"correct the other values first; otherwise look for a damping that drives at speed, of {rest.model.name}",
     )
-
-
-class AtRest:
-    """A floating vessel and its small motions. Raises ValueError if it does not float upright."""
-
-    def __init__(self, model: VesselSpec, water: Water) -> None:
-        self.model, self.water = model, water
-        self.environment = still_water(Environment(water=water))
-        finest = Simulation.from_spec(model, self.environment, _STEP_S[-1])
-        self.state = start(finest, 1).vessel
-        self.about: SmallMotion = small_motion(finest, self.state)
-        self.modes = {mode.name: mode for mode in self.about.modes()}
-        self.floating = finest.vessel.rest
-        self.added_mass = np.diag(finest.vessel.hydrodynamics.added_mass)
-        self.helm = Helm.from_spec(model)
-        thrusts = [propeller.static_thrust_n(water.density_kgpm3) for propeller in model.propellers]
-        self.full_n: tuple[Array, Array] = tuple(np.array(thrusts).T)  # (P,) ahead and (P,) astern of each
-        self.forward_n, self.reverse_n = (float(np.abs(self.helm.ahead) @ full) for full in self.full_n)
-
-        def drag_n(velocity: Array) -> Array:
-            """Return the (N, 6) force of the water against (N, 6) velocities, at the depth of rest."""
-            hydrodynamics, propulsion = finest.vessel.hydrodynamics, finest.vessel.propulsion
-            force: Array = np.concatenate(hydrodynamics.terms(velocity), axis=1) @ hydrodynamics.wrench
-            if model.abkowitz is not None:  # its table contains a thrust, which stopped propellers take away
-                stopped = np.zeros((len(velocity), model.commands))
-                force += (
-                    np.concatenate(propulsion.terms(stopped, velocity, velocity[:, :3]), axis=1) @ propulsion.wrench
-                )
-            return -force
-
-        self.drag_n = drag_n
-
-    @property
-    def step_s(self) -> float:
-        """Return the longest step that follows its fastest motion."""
-        most = 1.0 / (_STEPS_PER_RADIAN * self.about.fastest_radps)
-        return next((dt_s * self.slowness for dt_s in _STEP_S if dt_s * self.slowness <= most), _STEP_S[-1])
-
-    @property
-    def slowness(self) -> float:
-        """Return the time scale of a large vessel by Froude's law, 1 for a boat.
-
-        It is a whole number of tenths, so that steps are whole nanoseconds.
-        """
-        return round(math.sqrt(max(self.model.length_m / LARGE_M, 1.0)), 1)
 
 
 class _Runs:
@@ -375,9 +326,6 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
             )
 
 
-LARGE_M = 5.0
-"""Length from which a vessel counts as a ship or its tank model: thrust is a smaller share of its weight, and its
-manoeuvres take longer."""
 GYRATION_OF_SIZE = {"x": (0.20, 0.55), "y": (0.15, 0.40), "z": (0.15, 0.45)}
 """Radii of gyration: of the width about x, 0.33 to 0.45 for ships and more where the mass is in two hulls; of the
 length about y and z, 0.25 for ships (ITTC 7.5-02-07-02.1), and the width's share for a wide catamaran about z."""

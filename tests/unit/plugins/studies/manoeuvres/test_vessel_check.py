@@ -12,15 +12,10 @@ from scipy.optimize import brentq
 
 from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water, WaveSpec
 from sim_core.vessel.spec import AddedMass, Rudder, VesselSpec
-from xitl_cli.plugins.studies.manoeuvres.vessel_check import (
-    AtRest,
-    Demands,
-    VesselCheck,
-    VesselFinding,
-    check_vessel,
-    clarke_yaw_damping_nmps,
-    rest_findings,
-)
+from xitl_cli.plugins.studies.manoeuvres.at_rest import AtRest
+from xitl_cli.plugins.studies.manoeuvres.findings import VesselFinding
+from xitl_cli.plugins.studies.manoeuvres.size_check import clarke_yaw_damping_nmps
+from xitl_cli.plugins.studies.manoeuvres.vessel_check import Demands, VesselCheck, check_vessel, rest_findings
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.catalogue import shipped_profiles
 
