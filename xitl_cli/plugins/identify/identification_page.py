@@ -13,6 +13,7 @@ from xitl_cli.plugins.identify.prediction import SCORES
 from xitl_cli.profile import Profile, resolved_yaml
 
 _MOST_PLOTS = 6
+_COMPARED_S, _CLEARLY = 5.0, 0.8
 _MOTIONS = (("surge", "m/s"), ("sway", "m/s"), ("yaw rate", "rad/s"))
 
 
@@ -53,7 +54,25 @@ def findings(result: Identification) -> list[Finding]:
         )
         for first, second, value in result.correlated
     ]
+    found += [
+        Finding.warning(
+            "identify.linear",
+            f"a linear model predicts the {motion} better: {line:.3g} after 5 s, and {own:.3g} by the vehicle",
+            (),
+            "Check order, sign and neutral of the outputs, and the positions of the propellers; free further keys.",
+        )
+        for motion, own, line in _worse_than_linear(result)
+    ]
     return found
+
+
+def _worse_than_linear(result: Identification) -> list[tuple[str, float, float]]:
+    """Return the motions that a linear model predicts clearly better over 5 s, with both errors."""
+    errors = {own.model: own.errors for own in result.scores if own.horizon_s == _COMPARED_S}
+    if not errors:
+        return []
+    pairs = zip(SCORES[:3], errors["identified"], errors["linear"], strict=False)
+    return [(motion, own, line) for motion, own, line in pairs if line < _CLEARLY * own]
 
 
 def figure_rows(result: Identification) -> list[tuple[str, float | None, float | None, str]]:
