@@ -33,6 +33,7 @@ CORRELATED = 0.9
 _FEWEST_WINDOWS = 6
 _TEST_SHARE = 0.3
 _FAR_WORSE = 1.5
+_RAN_AWAY = 2.5  # prior deviations: by the prior, one key in eighty is that far off
 
 _MANOEUVRES = (
     (("reverse",), "hold half throttle astern for 10 s, from rest"),
@@ -194,7 +195,7 @@ def _estimate(key: FreeKey, fitted: Fit, number: int) -> KeyEstimate:
     x, sigma = float(fitted.x[number]), float(fitted.sigma[number])
     value, error = key.value(x), abs(key.slope(x)) * sigma
     advice = ""
-    if error > UNDETERMINED * abs(value):
+    if error > UNDETERMINED * abs(value) or abs(x) > _RAN_AWAY * fitted.prior[number]:
         fitting = (manoeuvre for parts, manoeuvre in _MANOEUVRES if any(part in key.key for part in parts))
         advice = next(fitting, "vary what this key acts on more, and fix it with --fix until then")
     return KeyEstimate(key.key, key.start, value, error, advice)
