@@ -221,6 +221,7 @@ OWN_PLUGIN_COMMANDS = {
     "board": "",
     "campaign": "campaign",
     "firmware": "",
+    "identify": "identify",
     "logs": "report",
     "map": "perception",
     "paper": "figures",

@@ -364,3 +364,27 @@ def identification(workplace: Workplace, path: Path) -> None:
         axes[0].legend(frameon=False, fontsize=9)
 
     figure(path, draw, panels=2)
+
+
+def real_boat(workplace: Workplace, path: Path) -> None:
+    """Errors of predictions of a real boat over the length of a window, from the table of docs/sim-to-real.md."""
+    page = (Path(__file__).parents[2] / "docs/sim-to-real.md").read_text(encoding="utf-8")
+    errors: dict[str, list[tuple[float, ...]]] = {}
+    window_s = 0.0
+    for row in re.findall(r"^\|((?:[^|\n]*\|){7})$", page, re.MULTILINE):
+        window, model, *cells = [cell.strip() for cell in row.split("|")[:7]]
+        if model in ("identified", "shipped", "linear", "persistence"):
+            window_s = float(window.removesuffix(" s")) if window else window_s
+            errors.setdefault(model, []).append((window_s, *map(float, cells)))
+
+    def draw(axes: Any) -> None:
+        for own, column, label in ((axes[0], 1, "error of surge (m/s)"), (axes[1], 3, "error of yaw rate (rad/s)")):
+            for (model, rows), colour in zip(errors.items(), (BLUE, GREEN, AMBER, GREY), strict=True):
+                points = np.array(rows)
+                own.plot(points[:, 0], points[:, column], "o-", color=colour, label=model)
+            own.set(xlabel="length of the prediction (s)", ylabel=label, xscale="log", ylim=(0.0, None))
+            own.set_xticks([1, 5, 10, 30], ["1", "5", "10", "30"])
+            own.minorticks_off()
+        axes[0].legend(frameon=False, fontsize=9)
+
+    figure(path, draw, panels=2)

@@ -42,7 +42,7 @@ _LOCAL = 6  # north, east, yaw, velocity ahead and to starboard, yaw rate
 _STEPS = np.array([1e-4, 1e-3, 1e-3, 1e-3])  # rad, m/s, m/s, rad/s
 _MOST_CHANGE = np.array([20.0, 20.0, 0.5, 1.0, 1.0, 0.5])
 """Largest correction of an initial state in a round."""
-_FAR = 1e3
+_FAR, _FARTHEST = 1e3, 4.0
 _KEY_STEP, _DELAY_STEP_S, _WIND_STEP_MPS, _SMALL = 2e-3, 0.01, 0.05, 1e-5
 _HUBER = 2.0
 _DELAY_OF = np.array([{"yaw": 0, "yaw_rate": 2}.get(name, 1) for name in NAMES])
@@ -291,7 +291,14 @@ def fit(
     for number in range(1, _ROUNDS + 1):
         before = x
         solution = least_squares(
-            problem.residuals, x, jac=problem.jacobian, x_scale=prior, max_nfev=_STEPS_PER_ROUND, xtol=1e-4, ftol=1e-5
+            problem.residuals,
+            x,
+            jac=problem.jacobian,
+            bounds=(-_FARTHEST * prior, _FARTHEST * prior),
+            x_scale=prior,
+            max_nfev=_STEPS_PER_ROUND,
+            xtol=1e-4,
+            ftol=1e-5,
         )
         x = solution.x
         moved = np.abs(x - before) / np.sqrt(np.diag(np.linalg.inv(solution.jac.T @ solution.jac)))

