@@ -68,6 +68,8 @@ def test_both_sets_of_matrices_agree(vehicle: str) -> None:
     """The simulation's matrices, and those that the references compute from the same data."""
     model, water = load_profile(vehicle).vehicle, Water()
     assert model is not None
+    if model.table_key is not None:
+        return  # tables of ships have their own references, and no equation of these modules uses their matrices
     afloat = waterline(model, water)
     assert afloat is not None
     simulated = Simulation.from_spec(model, still_water(), 0.001).vessel
