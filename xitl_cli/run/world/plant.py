@@ -69,13 +69,15 @@ class Plant:
         frozen = [vessel for vessel in self.vessels if vessel.held]
         for vessel in frozen:
             vessel.held_steps += 1
-        if frozen and isinstance(simulation, Simulation):
+        if frozen and isinstance(before, SimulationState):
+            assert isinstance(simulation, Simulation)
             self.state = simulations.hold(simulation, before, self._rng)
             return self.state
-        self.state = self._step(simulation, before, self._motors, self._rng)
-        if frozen and isinstance(simulation, Fleet):
-            assert isinstance(before, FleetState)
-            self.state = fleets.held(simulation, self.state, before, [vessel.number for vessel in frozen])
+        after = self._step(simulation, before, self._motors, self._rng)
+        if frozen and isinstance(before, FleetState):
+            assert isinstance(simulation, Fleet)
+            after = fleets.held(simulation, after, before, [vessel.number for vessel in frozen])
+        self.state = after
         return self.state
 
     def touching(self) -> Collection[int]:
