@@ -10,7 +10,7 @@ PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check -
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages figures figures-of-vehicles paper soak wheel mutate lock clean
+.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages figures figures-of-vehicles paper soak wheel mutate fuzz lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -32,6 +32,10 @@ $(VENV)/.dev: $(VENV)/.run
 
 $(VENV)/.mutate: $(VENV)/.dev
 	@$(PIP_INSTALL) -e '.[dev,mutation]'
+	@touch $@
+
+$(VENV)/.fuzz: $(VENV)/.dev
+	@$(PIP_INSTALL) -e '.[dev,fuzz]'
 	@touch $@
 
 run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts
@@ -123,6 +127,9 @@ wheel: $(VENV)/.dev  ## build the wheel and try it in an environment of its own
 
 mutate: $(VENV)/.mutate  ## change the lines of the last commit one operator at a time; lists what no test notices (BASE=commit, FILES=paths)
 	$(BIN)/python -m tools.mutate $(if $(BASE),--base $(BASE)) $(FILES)
+
+fuzz: $(VENV)/.fuzz  ## search inputs that a parser raises for, led by coverage (ONLY=target, RUNS=inputs of each)
+	$(BIN)/python -m tests.fuzz $(ONLY) $(if $(RUNS),-runs=$(RUNS))
 
 lock: $(VENV)/.dev  ## pin today's versions
 	tools/lock.sh

@@ -24,6 +24,7 @@ from sim_core.environment.waves import HullSurface
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
+from sim_core.state_class import state_class
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.battery import BatteryState
 from sim_core.vessel.condition import Condition
@@ -205,7 +206,7 @@ class Fleet:
         ]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class FleetState:
     """The world at time_ns."""
 
@@ -233,21 +234,33 @@ def initial(fleet: Fleet, north_east_m: Array, yaw_rad: Array, rng: Generator) -
     return FleetState(0, tuple(batches), environment)
 
 
-def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Generator) -> FleetState:
-    """Return the state one dt_s later, under (N, C) commands in [-1, 1] per batch, as `Fleet.by_model` makes them."""
-    lead, time_ns = fleet.batches[0], state.time_ns + fleet.dt_ns
-    # The environment, once for all vessels
-    environment = state.environment
-    if state.time_ns % lead.drift_ns == 0:
-        environment = surroundings_model.step(fleet.environment, environment, lead.drift_ns * 1e-9, rng)
-    # Contacts with structures, debris and other hulls
-    close, afloat = _compute_contacts(fleet, state, environment)
-    # Motion of the vessels
-    batches = [
-        simulations.advance(simulation, batch, environment, command, water)
-        for simulation, batch, command, water in zip(fleet.batches, state.batches, commands, afloat, strict=True)
-    ]
-    return FleetState(time_ns, tuple(batches), environment, close)
+def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Generator, max_steps: int = 1) -> FleetState:
+    """Return the state one dt_s later, under (N, C) commands in [-1, 1] per batch, as `Fleet.by_model` makes them.
+
+    max_steps: as in `simulation.step`.
+    """
+    lead, dt_ns = fleet.batches[0], fleet.dt_ns
+    end_ns = state.time_ns + max_steps * dt_ns
+    while state.time_ns < end_ns:
+        # The environment, once for all vessels
+        time_ns, environment = state.time_ns, state.environment
+        if time_ns % lead.drift_ns == 0:
+            environment = surroundings_model.step(fleet.environment, environment, lead.drift_ns * 1e-9, rng)
+        # Contacts with structures, debris and other hulls
+        close, afloat = _compute_contacts(fleet, state, environment)
+        touching = len(close) > 0 or not all(part.idle for part in afloat)
+        # Motion of the vessels until the next change
+        until_ns = min(end_ns, time_ns - time_ns % lead.drift_ns + lead.drift_ns)
+        if touching:
+            until_ns = time_ns + dt_ns
+        batches = [
+            simulations.advance(simulation, batch, environment, command, water, until_ns)
+            for simulation, batch, command, water in zip(fleet.batches, state.batches, commands, afloat, strict=True)
+        ]
+        state = FleetState(until_ns, tuple(batches), environment, close)
+        if touching:
+            break
+    return state
 
 
 def state_of(fleet: Fleet, state: FleetState, number: int, motion: Kinematics | None = None) -> SimulationState:

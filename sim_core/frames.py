@@ -66,7 +66,8 @@ def flu_to_frd(v_flu: Array) -> Array:
 
 def quat_ned_frd_to_enu_flu(quat_ned_frd: Array) -> Array:
     """Convert a (..., 4) attitude FRD -> NED to FLU -> ENU, for tools that draw in ENU (REP 103)."""
-    quat_enu_flu: Array = quat_ned_frd @ _QUAT_ENU_FLU
+    # Not as a matrix product, whose rounding may depend on the number of rows
+    quat_enu_flu: Array = (quat_ned_frd[..., None] * _QUAT_ENU_FLU).sum(axis=-2)
     return quat_enu_flu
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from numpy import float64
 from numpy.typing import NDArray
 
+from sim_core.state_class import state_class
 
-@dataclass(frozen=True, slots=True)
+
+@state_class
 class Kinematics:
     """True motion of the body origin of N vessels."""
 

@@ -6,7 +6,7 @@ rounding. The physics is in `move` and the functions that it calls, and nowhere 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ import numpy as np
 from sim_core.environment.waves import HullSurface, HullWaves, StillHull
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
+from sim_core.state_class import state_class
 from sim_core.tape.library import Kernel, NoKernelError, load_kernel
 from sim_core.tape.program import Program
 from sim_core.tape.traced import NotRecordableError, TapeRecorder
@@ -25,7 +26,7 @@ from sim_core.vessel.propulsion import ExtendedPropulsion
 from sim_core.vessel.vessel import PackedState, Surroundings, Vessel, VesselState
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class Influences:
     """What acts on N vessels in one step, besides their own state."""
 
@@ -74,6 +75,9 @@ def move(vessel: Vessel, hull_waves: HullWaves | StillHull, state: VesselState, 
     return Moved(after, around.surface, around.drift_frd_n)
 
 
+_STEP_INPUTS = 2  # time and tide
+
+
 class _Kind(NamedTuple):
     """What changes the operations of a step."""
 
@@ -91,7 +95,7 @@ class MotionStep:
     why_numpy: str | None = None
     """Why the steps run in numpy, None while they run compiled."""
     _kernel: Kernel | None = None
-    _programs: dict[_Kind, Callable[[VesselState, Influences], Moved]] = field(default_factory=dict)
+    _programs: dict[_Kind, _CompiledMove] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if isinstance(self.vessel.propulsion, ExtendedPropulsion):  # its code may do more at a call than numpy shows
@@ -106,8 +110,18 @@ class MotionStep:
         """Make copies and pickles without the recordings, whose addresses belong to this process."""
         return MotionStep, (self.vessel, self.hull_waves)
 
-    def step(self, state: VesselState, influences: Influences) -> Moved:
-        """Return the vessels one step later."""
+    def step(self, state: VesselState, influences: Influences, later: Sequence[tuple[float, float]] = ()) -> Moved:
+        """Return the vessels one step later, and a further step for each of `later`.
+
+        later: time_s and tide_m of each further step. All other influences are those of the first step.
+        """
+        if later and (self._kernel is None or state.half_change is None or influences.drift_frd_n is None):
+            moved = self._step(state, influences, ())
+            return self.step(moved.vessel, _at(*later[0], influences, moved.drift_frd_n), later[1:])
+        return self._step(state, influences, later)
+
+    def _step(self, state: VesselState, influences: Influences, later: Sequence[tuple[float, float]]) -> Moved:
+        """Return the vessels after steps of one kind."""
         if self._kernel is None or state.half_change is None:  # the first step integrates differently
             return move(self.vessel, self.hull_waves, state, influences)
         kind = _Kind(influences.drift_frd_n is not None, influences.wrench_frd is not None, state.condition is not None)
@@ -117,8 +131,15 @@ class MotionStep:
                 program = self._programs[kind] = _CompiledMove(self.vessel, self.hull_waves, self._kernel, kind)
             except NotRecordableError as error:
                 self._kernel, self.why_numpy = None, f"the step needs {error}"
-                return move(self.vessel, self.hull_waves, state, influences)
-        return program(state, influences)
+                return self.step(state, influences, later)
+        return program(state, influences, later)
+
+
+def _at(time_s: float, tide_m: float, influences: Influences, drift_frd_n: Array) -> Influences:
+    """Return the influences of another step, with the mean force of the waves held."""
+    current_ned_mps, wind_ned_mps = influences.current_ned_mps, influences.wind_ned_mps
+    command, wrench_frd = influences.command, influences.wrench_frd
+    return Influences(time_s, tide_m, current_ned_mps, wind_ned_mps, drift_frd_n, command, wrench_frd)
 
 
 class _CompiledMove:
@@ -161,13 +182,13 @@ class _CompiledMove:
         results |= {"elevation": surface.point_elevation_m, "over_hull": surface.over_hull, "drift": drift_frd_n}
         ends = np.cumsum([result.size for result in results.values()]).tolist()
         self._at = {name: slice(start, end) for name, start, end in zip(results, [0, *ends], ends, strict=False)}
-        self._program = Program(kernel, recorder, list(results.values()))
+        self._program = Program(kernel, recorder, list(results.values()), _STEP_INPUTS)
 
-    def __call__(self, state: VesselState, influences: Influences) -> Moved:
+    def __call__(self, state: VesselState, influences: Influences, later: Sequence[tuple[float, float]]) -> Moved:
         values, address = _packed(state, self._battery)
         rows, columns = values.shape
         self._fill(self._program.other(rows), state.condition, influences)
-        results, place = self._program.run(rows, address, columns)
+        results, place = self._program.run(rows, address, columns, later)
         # The arrays of the next state and of the surroundings
         at = self._at
         motion = Kinematics(
@@ -184,7 +205,8 @@ class _CompiledMove:
             battery = BatteryState(*(results[:, at[name].start] for name in ("used", "voltage", "battery_current")))
         packed = PackedState(results, place, motion, rotor_speed, half_change, battery)
         after = VesselState(motion, rotor_speed, half_change, state.condition, battery, packed)
-        surface = HullSurface(results[:, at["elevation"]], results[:, at["over_hull"]], influences.tide_m)
+        tide_m = later[-1][1] if later else influences.tide_m
+        surface = HullSurface(results[:, at["elevation"]], results[:, at["over_hull"]], tide_m)
         return Moved(after, surface, results[:, at["drift"]])
 
     def _fill(self, other: Array, condition: Condition | None, influences: Influences) -> None:

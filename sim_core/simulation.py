@@ -19,6 +19,7 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.motion import Influences, MotionStep, surroundings
 from sim_core.rows import Rows, with_rows
+from sim_core.state_class import state_class
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.condition import Condition
 from sim_core.vessel.spec import VesselSpec
@@ -98,7 +99,7 @@ def _waves_at(vessel: Vessel, waves: WaveField | FlatWater) -> tuple[HullWaves |
     return waves.at_hull(hulls.points_frd_m, hulls.point_share), waves.shear_drift_ne_mps(vessel.rest.draft_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class SimulationState:
     """The world at time_ns, with the surroundings of the vessels in the last step."""
 
@@ -170,10 +171,23 @@ def with_own_gusts(state: SimulationState) -> SimulationState:
     return replace(state, environment=replace(state.environment, wind=wind))
 
 
-def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
-    """Return the state one dt_s later, under (N, C) commands in [-1, 1], (1, C) for all vessels: see VesselSpec."""
-    environment, afloat = _environment_and_bodies(simulation, state, rng)
-    return advance(simulation, state, environment, command, afloat)
+def step(
+    simulation: Simulation, state: SimulationState, command: Array, rng: Generator, max_steps: int = 1
+) -> SimulationState:
+    """Return the state one dt_s later, under (N, C) commands in [-1, 1], (1, C) for all vessels: see VesselSpec.
+
+    max_steps: number of steps to take at once, which gives the same states and is faster. They end early when the
+    vessels come near something that they can touch.
+    """
+    end_ns = state.time_ns + max_steps * simulation.dt_ns
+    while state.time_ns < end_ns:
+        environment, afloat = _environment_and_bodies(simulation, state, rng)
+        if not afloat.idle:
+            return advance(simulation, state, environment, command, afloat)
+        # Steps until the next change
+        until_ns = min(end_ns, state.time_ns - state.time_ns % simulation.drift_ns + simulation.drift_ns)
+        state = advance(simulation, state, environment, command, afloat, until_ns)
+    return state
 
 
 def hold(simulation: Simulation, state: SimulationState, rng: Generator) -> SimulationState:
@@ -194,7 +208,7 @@ def hold(simulation: Simulation, state: SimulationState, rng: Generator) -> Simu
 def _environment_and_bodies(
     simulation: Simulation, state: SimulationState, rng: Generator
 ) -> tuple[EnvironmentState, Afloat]:
-    """Return the environment one dt_s later, and the debris and contacts of this step."""
+    """Return the environment after the step that begins now, and the debris and contacts of this step."""
     # Current and gusts, which change over seconds
     environment = state.environment
     long_step = state.time_ns % simulation.drift_ns == 0
@@ -251,24 +265,32 @@ def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) 
 
 
 def advance(
-    simulation: Simulation, state: SimulationState, environment: EnvironmentState, command: Array, afloat: Afloat
+    simulation: Simulation,
+    state: SimulationState,
+    environment: EnvironmentState,
+    command: Array,
+    afloat: Afloat,
+    until_ns: int = 0,
 ) -> SimulationState:
-    """Return the state one dt_s later, under (N, C) commands.
+    """Return the state one dt_s later, or at `until_ns`, under (N, C) commands.
 
-    environment: the environment state after its step. afloat: debris and contacts of this step.
+    environment: the environment state after its step. afloat: debris and contacts of this step. until_ns: at most the
+    beginning of the next update of current, gusts and the waves' mean force.
     """
     # Water and air at the vessels, and the mean force of the waves, which are held for a period
-    time_s, motion = state.time_ns * 1e-9, state.vessel.motion
+    time_ns, dt_ns, tide = state.time_ns, simulation.dt_ns, simulation.environment.tide
+    time_s, motion = time_ns * 1e-9, state.vessel.motion
     flows: tuple[Array, Array] = state.current_ned_mps, state.wind_ned_mps
     drift_frd_n: Array | None = state.drift_frd_n
-    if state.time_ns % simulation.drift_ns == 0:
+    if time_ns % simulation.drift_ns == 0:
         flows, drift_frd_n = _flows_at(simulation, environment, motion, time_s), None
     # Motion of the vessels
-    tide_m = simulation.environment.tide.height_m(time_s)
-    influences = Influences(time_s, tide_m, *flows, drift_frd_n, command, afloat.wrench_frd)
-    moved = simulation.motion.step(state.vessel, influences)
-    time_ns = state.time_ns + simulation.dt_ns
-    return SimulationState(time_ns, moved.vessel, environment, *flows, moved.drift_frd_n, moved.surface, afloat)
+    influences = Influences(time_s, tide.height_m(time_s), *flows, drift_frd_n, command, afloat.wrench_frd)
+    after_ns = max(until_ns, time_ns + dt_ns)
+    instants_s = [instant_ns * 1e-9 for instant_ns in range(time_ns + dt_ns, after_ns, dt_ns)]
+    later = [(instant_s, tide.height_m(instant_s)) for instant_s in instants_s]
+    moved = simulation.motion.step(state.vessel, influences, later)
+    return SimulationState(after_ns, moved.vessel, environment, *flows, moved.drift_frd_n, moved.surface, afloat)
 
 
 def _surroundings(

@@ -101,7 +101,7 @@ class Navigation(NamedTuple):
     speed_accuracy_mps: float
 
 
-TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG = 0.5, 2.0  # accuracy of the estimator at sea; it has no attitude covariance
+TILT_ACCURACY_DEG = 0.5  # accuracy of the estimator at sea; it has no covariance of the tilt
 
 Measurement = Union[ImuMeasurement, MagnetometerMeasurement, BarometerMeasurement, ReceiverFix]
 
@@ -150,9 +150,10 @@ class NavigationSolution:
             return None
         north, east, down = e.pos_ned_m
         lat_deg, lon_deg = frame.to_geodetic(north, east)
+        heading_deg = math.degrees(math.sqrt(variances.heading_rad2))
         return Navigation(
             e.stamp_ns, fix.gps_ns, e.quat_ned_frd, (e.roll_rad, e.pitch_rad, math.remainder(e.yaw_rad, 2.0 * math.pi)),
-            lat_deg, lon_deg, frame.alt_m - down, e.vel_ned_mps, TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG,
+            lat_deg, lon_deg, frame.alt_m - down, e.vel_ned_mps, TILT_ACCURACY_DEG, heading_deg,
             math.sqrt(variances.horizontal_m2), math.sqrt(variances.vertical_m2), math.sqrt(variances.speed_m2ps2),
         )  # fmt: skip
 

@@ -7,6 +7,8 @@ from typing import Any, Callable, Protocol
 
 Messages = list[Any]
 Target = tuple[int, int]  # system and component
+HEADING_DEVIATION = "yaw_std"
+"""Name of a NAMED_VALUE_FLOAT: standard deviation of the heading in rad, which no message of ArduPilot has."""
 
 
 class Exchange(Protocol):

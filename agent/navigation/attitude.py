@@ -30,8 +30,8 @@ class AttitudeCorrection:
     Gains start high and then settle, so that the turn-on bias is estimated in seconds.
     """
 
-    def __init__(self, tilt_gain_per_s: float, yaw_gain_per_s: float) -> None:
-        self.configure(tilt_gain_per_s, yaw_gain_per_s)
+    def __init__(self, tilt_gain_per_s: float) -> None:
+        self.configure(tilt_gain_per_s)
         self.bias_frd_radps = _ZERO
         self.rate_offset_frd_radps = _ZERO  # added to the measured rate
         self._tilt_rate = _ZERO
@@ -39,10 +39,9 @@ class AttitudeCorrection:
         self._boost = 1.0 + _BOOST
         self._learns = False
 
-    def configure(self, tilt_gain_per_s: float, yaw_gain_per_s: float) -> None:
-        """Apply new gains."""
+    def configure(self, tilt_gain_per_s: float) -> None:
+        """Apply a new gain."""
         self._tilt_gain = tilt_gain_per_s
-        self._yaw_gain = yaw_gain_per_s
 
     def settle(self, since_levelled_s: float) -> None:
         """Set the gains for the time since levelling."""
@@ -59,14 +58,16 @@ class AttitudeCorrection:
         self._tilt_rate = ned_to_frd(state, (-gain * north_rad, -gain * east_rad, 0.0))
         self._learn(gain, self._tilt_rate, dt_s)
 
-    def heading(self, state: InertialState, error_rad: float, dt_s: float) -> None:
-        """Correct a heading error: the true heading exceeds the estimate by `error_rad`.
-
-        dt_s: interval of the measurement.
-        """
-        gain = min(self._yaw_gain * self._boost, 0.5 / dt_s)
-        self._yaw_rate = ned_to_frd(state, (0.0, 0.0, gain * _limited(error_rad)))
-        self._learn(gain, self._yaw_rate, dt_s)
+    def turn(self, state: InertialState, rate_radps: float, bias_radps: float) -> None:
+        """Turn the heading at a rate until further notice, and change the bias about the vertical."""
+        self._yaw_rate = ned_to_frd(state, (0.0, 0.0, rate_radps))
+        change, bias = ned_to_frd(state, (0.0, 0.0, bias_radps)), self.bias_frd_radps
+        self.bias_frd_radps = (
+            _clamped(bias[0] + change[0], _BIAS_LIMIT_RADPS),
+            _clamped(bias[1] + change[1], _BIAS_LIMIT_RADPS),
+            _clamped(bias[2] + change[2], _BIAS_LIMIT_RADPS),
+        )
+        self._sum_up()
 
     def drop_heading(self) -> None:
         """Stop correcting toward the compass, because it has no data."""

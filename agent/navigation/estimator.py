@@ -13,6 +13,8 @@ The estimator holds state, unlike guidance and control, because a history at 200
 
 from __future__ import annotations
 
+import math
+
 from agent.navigation.attitude import (
     AttitudeCorrection,
     InitialAlignment,
@@ -21,6 +23,7 @@ from agent.navigation.attitude import (
     turn_heading,
 )
 from agent.navigation.geodetic import STANDARD_GRAVITY_MPS2, LocalProjection, normal_gravity_mps2
+from agent.navigation.heading_filter import HeadingFilter
 from agent.navigation.inertial import (
     InertialHistory,
     InertialState,
@@ -54,7 +57,7 @@ _SECOND_NS = 1_000_000_000
 _GYRO_LIMIT2 = 35.0**2  # 2000 deg/s
 _ACCEL_LIMIT2 = 160.0**2  # 16 g
 _FIELD_LIMITS2_GAUSS2 = (0.1**2, 1.2**2)  # the Earth's field is 0.22 to 0.67 gauss
-_LEAST_HORIZONTAL_GAUSS2 = 0.05**2
+_LEAST_GAUSS = 0.05  # horizontal
 _ACCURACY_LIMIT_M = 10.0
 _GAP_NS = _SECOND_NS // 4  # the attitude is not integrated across a longer gap without IMU samples
 _JUMP_NS = 60 * _SECOND_NS
@@ -100,14 +103,16 @@ class Estimator:
             antenna[2] - self._imu_frd_m[2],
         )
         self._least_satellites = p["AHRS_GPS_MINSATS"]
-        self._attitude.configure(p["AHRS_RP_P"], p["AHRS_YAW_P"])
+        self._attitude.configure(p["AHRS_RP_P"])
+        self._heading.configure(p)
         self._filter.configure(p)
 
     def _restart(self) -> None:
         p = self._parameters
         self.frame: LocalProjection | None = None
         self._alignment = InitialAlignment()
-        self._attitude = AttitudeCorrection(p["AHRS_RP_P"], p["AHRS_YAW_P"])
+        self._attitude = AttitudeCorrection(p["AHRS_RP_P"])
+        self._heading = HeadingFilter(p)
         self._filter = PositionFilter(p)
         self.configure()
         self._state: InertialState | None = None
@@ -163,6 +168,7 @@ class Estimator:
             self._housekeeping_ns = state.stamp_ns + _HOUSEKEEPING_NS
             if self._alignment.field_frd_gauss is not None:
                 self._heading_used_ns = state.stamp_ns
+                self._restart_heading(state, self._alignment.field_frd_gauss)
         self.imu_accepted += 1
         return True
 
@@ -197,6 +203,7 @@ class Estimator:
         self._attitude.settle((stamp_ns - self._levelled_ns) * 1e-9)
         if self._heading_ns is None or stamp_ns - self._heading_ns > _COMPASS_TIMEOUT_NS:
             self._attitude.drop_heading()
+            self._heading.stop(stamp_ns)
         if self._fix is not None and stamp_ns - self._fix_arrived_ns <= _FIX_TIMEOUT_NS:
             return
         # Without a measured velocity change, assume that there is none.
@@ -329,8 +336,8 @@ class Estimator:
         if then is None:
             return True
         self._heading_ns = sample.stamp_ns
-        north, east, _ = frd_to_ned(then, field)
-        if north * north + east * east < _LEAST_HORIZONTAL_GAUSS2:
+        north, east, down = frd_to_ned(then, field)
+        if north * north + east * east < _LEAST_GAUSS * _LEAST_GAUSS:
             return True
         error_rad = heading_error_rad(then, field, self._declination_rad)
         ratio = (error_rad / _HEADING_GATE_RAD) ** 2
@@ -342,12 +349,20 @@ class Estimator:
             self._history.restart(self._state)
             self._fix = None
             self._heading_used_ns = sample.stamp_ns
+            self._restart_heading(self._state, field)
         elif ratio <= 1.0:
-            dt_s = min((sample.stamp_ns - (last_ns or sample.stamp_ns)) * 1e-9, 0.2)
-            if dt_s > 0.0:
-                self._attitude.heading(state, error_rad, dt_s)
+            if self._heading.add(sample.stamp_ns, error_rad):
+                course_rad = euler(*then[1:5])[2] - self._declination_rad
+                correction = self._heading.correct(sample.stamp_ns, course_rad, math.hypot(north, east), down)
+                self._attitude.turn(state, *correction)
             self._heading_used_ns = sample.stamp_ns
         return True
+
+    def _restart_heading(self, state: InertialState, field_frd_gauss: Vector3) -> None:
+        """Begin the heading filter after the heading was set to the compass."""
+        north, east, _ = frd_to_ned(state, field_frd_gauss)
+        course_rad = euler(*state[1:5])[2] - self._declination_rad
+        self._heading.restart(state.stamp_ns, course_rad, max(math.hypot(north, east), _LEAST_GAUSS))
 
     # -- barometer
 
@@ -380,7 +395,14 @@ class Estimator:
     def variances(self) -> EstimateVariances | None:
         """Variances of `estimate()`, None before the first fix in use. They grow without fixes."""
         state = self._state
-        return None if state is None or self._fix_used_ns is None else self._filter.variances(state.stamp_ns)
+        if state is None or self._fix_used_ns is None:
+            return None
+        variances = self._filter.variances(state.stamp_ns)
+        return variances._replace(heading_rad2=self._heading_variance_rad2(state.stamp_ns))
+
+    def _heading_variance_rad2(self, stamp_ns: int) -> float:
+        """Return the variance of the heading, NaN without one."""
+        return math.nan if self._heading_used_ns is None else self._heading.variance_rad2(stamp_ns)
 
     @property
     def gyro_bias_frd_radps(self) -> Vector3:

@@ -27,6 +27,8 @@ ESTIMATOR_ROWS: tuple[Parameter, ...] = (
     Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 50.0, "m", "barometer height noise"),
     Parameter("EK3_GPSDRIFT_TC", 60.0, 1.0, 3600.0, "s", "correlation time of the GNSS position drift"),
     Parameter("EK3_HGT_I_GATE", 500.0, 100.0, 5000.0, "", "height innovation gate, hundredths of sigma", INT16),
+    Parameter("EK3_MAGB_M_NSE", 0.005, 0.0, 0.5, "Gauss", "lasting error of an axis of the compass after calibration"),
+    Parameter("EK3_MAG_M_NSE", 0.003, 0.0001, 0.5, "Gauss", "noise of an axis of a compass sample"),
     Parameter("EK3_POSNE_M_NSE", 0.15, 0.01, 10.0, "m", "GNSS noise of an axis from fix to fix; the rest is drift"),
     Parameter("EK3_POS_I_GATE", 500.0, 100.0, 5000.0, "", "position innovation gate, hundredths of sigma", INT16),
     Parameter("EK3_VELD_M_NSE", 0.05, 0.01, 5.0, "m/s", "least vertical GNSS velocity noise"),

@@ -26,7 +26,7 @@ _AVERAGE_NS = 100_000_000
 _OFFSET_S = 60.0
 _START_BIAS_MPS2 = 0.3  # for a levelling error of a few degrees
 # In a turn, a lasting acceleration is measured with a direction error of about 0.02 rad for about 4 s. As white noise,
-# this is 2 σ² T times its square.
+# this is 2 σ² T times its square. Heading and tilt have a part in it.
 _MANOEUVRE_S = 2.0 * 0.02**2 * 4.0
 _MANOEUVRE_TAKES_S = 2.0  # longer than a wave
 # Without fixes, a tilt cannot be distinguished from an acceleration: a quarter of a degree, integrated from then on.
@@ -190,6 +190,8 @@ class EstimateVariances(NamedTuple):
     vertical_m2: float
     speed_m2ps2: float
     climb_m2ps2: float
+    heading_rad2: float = math.nan
+    """Variance of the heading, NaN before the first compass sample in use."""
 
 
 class PositionFilter:

@@ -25,6 +25,7 @@ from numpy.random import Generator
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
 from sim_core.frames import Array
+from sim_core.state_class import state_class
 
 LOWEST_OF_PEAK = 0.5  # lower limit of the band, in units of the peak frequency; the energy outside moves into the band
 HIGHEST_OF_PEAK = 3.0
@@ -231,7 +232,7 @@ def spreading_quantiles(spreading: float, count: int) -> Array:
     return np.interp((np.arange(count) + 0.5) / count, cumulative / cumulative[-1], angle)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class HullSurface:
     """The surface at N hulls of S points. Velocities of the water exclude its current."""
 

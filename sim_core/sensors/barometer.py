@@ -18,6 +18,7 @@ from sim_core.kinematics import Kinematics
 from sim_core.noise import SampledGaussMarkov, sampled_gauss_markov
 from sim_core.sensors.measurement import Digitiser, digitiser
 from sim_core.sensors.spec import BarometerSpec
+from sim_core.state_class import state_class
 
 SEA_LEVEL_PRESSURE_PA = 101325.0
 SEA_LEVEL_TEMPERATURE_K = 288.15
@@ -33,7 +34,7 @@ def pressure_pa(altitude_m: Array, sea_level_pressure_pa: float = SEA_LEVEL_PRES
     return ratio * sea_level_pressure_pa
 
 
-@dataclass(frozen=True, slots=True)
+@state_class
 class BarometerSample:
     """Sample of N barometers."""
 
@@ -43,7 +44,7 @@ class BarometerSample:
     """Temperature of the air, (N,)."""
 
 
-@dataclass(frozen=True, slots=True)
+@state_class
 class BarometerState:
     """State of N barometers."""
 

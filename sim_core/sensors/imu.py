@@ -19,12 +19,13 @@ from sim_core.sensors.measurement import (
     pair_products,
 )
 from sim_core.sensors.spec import ImuSpec
+from sim_core.state_class import state_class
 
 TEMPERATURE_DEGC = 25.0
 """Temperature of the unit."""
 
 
-@dataclass(frozen=True, slots=True)
+@state_class
 class ImuSample:
     """Sample of N units."""
 
@@ -36,7 +37,7 @@ class ImuSample:
     """Temperature of the unit, (N,)."""
 
 
-@dataclass(frozen=True, slots=True)
+@state_class
 class ImuState:
     """Errors that outlast a sample: (N, 6) as gyro x, y, z in rad/s, then accelerometer x, y, z in m/s^2."""
 

@@ -15,6 +15,7 @@ from sim_core.kinematics import Kinematics
 from sim_core.noise import SampledGaussMarkov, bias_deviation, sampled_gauss_markov, white_deviation
 from sim_core.sensors.measurement import Digitiser, digitiser
 from sim_core.sensors.spec import MagnetometerSpec
+from sim_core.state_class import state_class
 
 _GAUSS_PER_NANOTESLA = 1e-5
 
@@ -57,7 +58,7 @@ def local_field_ned_gauss(
     return LocalField((north, east, down), declination_deg=float(field_nt.d), inclination_deg=float(field_nt.i))
 
 
-@dataclass(frozen=True, slots=True)
+@state_class
 class MagnetometerSample:
     """Sample of N magnetometers."""
 
@@ -65,7 +66,7 @@ class MagnetometerSample:
     """Magnetic field, (N, 3), body axes."""
 
 
-@dataclass(frozen=True, slots=True)
+@state_class
 class MagnetometerState:
     """State of N magnetometers."""
 

@@ -298,14 +298,14 @@ typedef struct {
     int64_t constants; /* the inputs follow the constants */
     int64_t state_inputs; /* of each row of `state` */
     int64_t other_inputs; /* of each row of `other` */
+    int64_t step_inputs; /* the first of the other inputs, which differ in each step */
     int64_t output_count;
     int64_t room_size;
 } tape;
 
-/* Run the tape for all rows. state_stride: columns of a row of `state`. Values and room are the working memory of one
-   lane and of eight, with the constants in place. */
-void run_tape(const tape *t, int64_t rows, int64_t state_stride, const double *state, const double *other, double *outputs,
-              double *values_1, double *room_1, double *values_8, double *room_8)
+/* Run the tape once for all rows. state_stride: columns of a row of `state`, which may be `outputs`. */
+static void run_step(const tape *t, int64_t rows, int64_t state_stride, const double *state, const double *other,
+                     double *outputs, double *values_1, double *room_1, double *values_8, double *room_8)
 {
     int64_t row = 0;
     while (row < rows) {
@@ -330,5 +330,21 @@ void run_tape(const tape *t, int64_t rows, int64_t state_stride, const double *s
             for (int64_t i = 0; i < t->output_count; i++)
                 outputs[(row + l) * t->output_count + i] = values[(int64_t)t->outputs[i] * lanes + l];
         row += used;
+    }
+}
+
+/* Run the tape for 1 + `later` steps. The outputs begin with the state of the next step. later_inputs: for each later
+   step, the inputs that differ. Values and room are the working memory of one lane and of eight, with the constants in
+   place. */
+void run_tape(const tape *t, int64_t rows, int64_t state_stride, const double *state, double *other, double *outputs,
+              int64_t later, const double *later_inputs, double *values_1, double *room_1, double *values_8,
+              double *room_8)
+{
+    run_step(t, rows, state_stride, state, other, outputs, values_1, room_1, values_8, room_8);
+    for (; later > 0; later--, later_inputs += t->step_inputs) {
+        for (int64_t row = 0; row < rows; row++)
+            for (int64_t i = 0; i < t->step_inputs; i++)
+                other[row * t->other_inputs + i] = later_inputs[i];
+        run_step(t, rows, t->output_count, outputs, other, outputs, values_1, room_1, values_8, room_8);
     }
 }

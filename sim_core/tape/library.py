@@ -30,7 +30,8 @@ class Kernel:
     def __init__(self, path: Path) -> None:
         self.run_tape: Any = ctypes.CDLL(str(path)).run_tape
         self.run_tape.restype = None
-        self.run_tape.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 7]
+        number, address = ctypes.c_int64, ctypes.c_void_p
+        self.run_tape.argtypes = [address, number, number, *[address] * 3, number, *[address] * 5]
 
 
 @cache

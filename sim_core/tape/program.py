@@ -35,6 +35,7 @@ from sim_core.tape.traced import (
 _RUN, _SAME, _TABLE = range(3)
 _LANES = (1, 8)
 _PARTS = 64  # rows of results that are made at once
+_ALONE = (0, 0)  # no later steps
 _LONG = 16  # values that are worth an operation of their own
 
 
@@ -44,7 +45,7 @@ class _Tape(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_void_p) for name in ("code", "tables", "matrices", "outputs")),
         *((name, ctypes.c_int64) for name in ("operations", "constants", "state_inputs")),
-        *((name, ctypes.c_int64) for name in ("other_inputs", "output_count", "room_size")),
+        *((name, ctypes.c_int64) for name in ("other_inputs", "step_inputs", "output_count", "room_size")),
     )
 
 
@@ -62,6 +63,16 @@ class _Room:
             of_lanes[: len(constants)] = constants[:, None]
             self._arrays += [of_lanes, np.empty(3 * operands * lanes)]
         self.addresses = tuple(array.ctypes.data for array in self._arrays)
+        self._later, self._later_address = np.empty((0, 0)), 0
+
+    def later_address(self, inputs: Sequence[Sequence[float]]) -> int:
+        """Return the address of the step inputs (K, I) of further steps."""
+        count, width = len(inputs), len(inputs[0])
+        if count > len(self._later):
+            self._later = np.empty((count, width))
+            self._later_address = self._later.ctypes.data
+        self._later[:count] = inputs
+        return self._later_address
 
 
 def _new_results(rows: int, columns: int) -> Iterator[tuple[Array, int]]:
@@ -78,10 +89,13 @@ class Program:
     """A recorded function of (N, state) and (N, other) inputs that returns (N, outputs).
 
     recorder: its first input is the row of the state, its second input the other values.
-    outputs: the arrays of one vessel to return, in this order.
+    outputs: the arrays of one vessel to return, in this order. They begin with the state after the step.
+    step_inputs: number of the other values, at their beginning, that differ from step to step.
     """
 
-    def __init__(self, kernel: Kernel, recorder: TapeRecorder, outputs: Sequence[Traced | Array]) -> None:
+    def __init__(
+        self, kernel: Kernel, recorder: TapeRecorder, outputs: Sequence[Traced | Array], step_inputs: int = 0
+    ) -> None:
         self._run = kernel.run_tape
         state, other = recorder.inputs
         wanted = np.concatenate([recorder.numbers(output).ravel() for output in outputs])
@@ -105,7 +119,7 @@ class Program:
         room = max([operand.size for operation in operations for operand in operation.operands], default=1)
         self._tape = _Tape(
             *(array.ctypes.data for array in (self._code, self._tables, self._matrices, self._outputs)),
-            *(len(operations), len(constants), len(state), len(other), self.outputs, room),
+            *(len(operations), len(constants), len(state), len(other), step_inputs, self.outputs, room),
         )
         self._address = ctypes.addressof(self._tape)
         self._constants = np.array([recorder.constants[number] for number in constants])
@@ -121,15 +135,19 @@ class Program:
             room.results[rows] = _new_results(rows, self.outputs)
         return room.other[rows][0]
 
-    def run(self, rows: int, state_address: int, state_columns: int) -> tuple[Array, int]:
-        """Return a new array (rows, outputs) and its address.
+    def run(
+        self, rows: int, state_address: int, state_columns: int, later: Sequence[Sequence[float]] = ()
+    ) -> tuple[Array, int]:
+        """Return a new array (rows, outputs) and its address, after one step and a further one for each of `later`.
 
         The state lies at an address, (rows, state_columns) of float64, of which the first columns are the inputs.
+        later: the step inputs of each further step. All other values stay.
         """
         room = self._room_of_thread()
         results, address = next(room.results[rows])
-        other_address = room.other[rows][1]
-        self._run(self._address, rows, state_columns, state_address, other_address, address, *room.addresses)
+        other_address, count = room.other[rows][1], len(later)
+        steps = (count, room.later_address(later)) if count else _ALONE
+        self._run(self._address, rows, state_columns, state_address, other_address, address, *steps, *room.addresses)
         return results, address
 
     def _room_of_thread(self) -> _Room:

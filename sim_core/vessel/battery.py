@@ -17,12 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_core.frames import Array
+from sim_core.state_class import state_class
 from sim_core.vessel.spec import BatterySpec, VesselSpec
 
 COULOMB_PER_AH = 3600.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class BatteryState:
     """State of N batteries, all (N,)."""
 

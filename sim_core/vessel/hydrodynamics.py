@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from sim_core.frames import Array
 from sim_core.vessel.derivatives import Derivative, parse_derivative
 from sim_core.vessel.spec import CrossFlowDrag, Matrix, VesselSpec
+from sim_core.vessel.tables import AbkowitzTerms, MmgHull, abkowitz_added_mass, mmg_added_mass
 
 # Hoerner, Fluid-Dynamic Drag, 1965: drag of a section in cross-flow over half its width by its draft, with the values
 # of Fossen's Marine Systems Simulator.
@@ -55,7 +56,7 @@ class Hydrodynamics:
     rigid_mass: Array
     added_mass: Array
     inverse_mass: Array  # for row vectors
-    parts: tuple[AxisDrag | CrossFlow | Polynomial, ...]
+    parts: tuple[HullPart, ...]
     wrench: Array  # (terms, 6)
     weight_per_n: Array  # (3, 6) force and moment of a weight of 1 N along the body's axes
 
@@ -66,12 +67,13 @@ class Hydrodynamics:
         named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
         # M, and M [w x v; 0] - C(nu) nu
         rigid_mass, added_mass = rigid_body_mass(model), added_mass_matrix(model, named, centre)
+        table_mass, table = _table(model, water_density_kgpm3, centre)
+        added_mass = added_mass + table_mass
         mass: Array = rigid_mass + added_mass
-        symmetric = 0.5 * (mass + mass.T)
-        products = transport_products(mass) - coriolis_products(symmetric)
+        products = transport_products(mass) - added_coriolis_products(rigid_mass, added_mass, model.table_contains)
         # -D(nu) nu: linear, per axis and at the stern, across the hull, and by name
         linear = -linear_damping(model, named, centre)
-        parts: list[AxisDrag | CrossFlow | Polynomial] = []
+        parts: list[HullPart] = list(table)
         shed = has_stern_force(model)
         if shed or any(astuple(model.damping_quadratic)):
             stern_products, stern_lift = stern_forces(added_mass, model.length_m)
@@ -189,6 +191,27 @@ class Polynomial:
         return (values[:, first] * values[:, second] * values[:, third],)
 
 
+HullPart = AxisDrag | CrossFlow | Polynomial | MmgHull | AbkowitzTerms
+
+
+def _table(model: VesselSpec, density_kgpm3: float, centre: Array) -> tuple[Array, tuple[HullPart, ...]]:
+    """Return added mass (6, 6) about the origin and the forces of a published table in surge, sway and yaw."""
+    place = at_table(centre)
+    if model.mmg is not None:
+        mass = mmg_added_mass(model.mmg, density_kgpm3)
+        return place.T @ mass @ place, (MmgHull.from_spec(model.mmg, density_kgpm3, place),)
+    if model.abkowitz is not None:
+        mass = abkowitz_added_mass(model.abkowitz, density_kgpm3)
+        hull = AbkowitzTerms.from_spec(model.abkowitz, density_kgpm3, place, rudder=False)
+        return place.T @ mass @ place, (hull,)
+    return np.zeros((6, 6)), ()
+
+
+def at_table(centre: Array) -> Array:
+    """Return `moved_to` for the place of a table's forces: at the origin, at the height of lateral resistance."""
+    return moved_to(np.array([0.0, 0.0, centre[2]]))
+
+
 def moved_to(place_frd_m: Array) -> Array:
     """Return the (6, 6) H. H nu is the velocity at a place, and H^T tau moves a force and moment there to the origin.
 
@@ -250,6 +273,8 @@ def has_stern_force(model: VesselSpec) -> bool:
     """
     if model.stern_force is not None:
         return model.stern_force == "on"
+    if model.table_key is not None:
+        return False
     return model.added_mass_matrix is None and model.damping_linear_matrix is None and not model.derivatives
 
 
@@ -281,6 +306,23 @@ def coriolis_products(mass: Array) -> Array:
     constant[:3, :, 3:] = np.einsum("ijk,kb->jbi", skew, mass[:3])
     constant[3:, :, 3:] = np.einsum("ijk,kb->jbi", skew, mass[3:])
     return constant.reshape(36, 6)
+
+
+def added_coriolis_products(rigid_mass: Array, added_mass: Array, table_contains: str) -> Array:
+    """Return the (36, 6) of C(nu) nu less what a table of surge, sway and yaw contains already.
+
+    table_contains: `damping`: nothing; `munk_moment`: the yaw moment of the added mass; `added_mass_coriolis`: its
+    forces too; `coriolis`: those of the rigid body too. Only products of u, v and r are left out.
+    """
+    if table_contains == "damping":
+        mass: Array = rigid_mass + added_mass
+        return coriolis_products(0.5 * (mass + mass.T))
+    rigid, added = (coriolis_products(0.5 * (mass + mass.T)).reshape(6, 6, 6) for mass in (rigid_mass, added_mass))
+    horizontal = (0, 1, 5)
+    added[np.ix_(horizontal, horizontal, (5,) if table_contains == "munk_moment" else horizontal)] = 0.0
+    if table_contains == "coriolis":
+        rigid[np.ix_(horizontal, horizontal, horizontal)] = 0.0
+    return (rigid + added).reshape(36, 6)
 
 
 def transport_products(mass: Array) -> Array:

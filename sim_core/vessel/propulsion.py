@@ -31,6 +31,7 @@ from sim_core.frames import Array
 from sim_core.vessel.actuators import Actuator, ActuatorError
 from sim_core.vessel.rudders import Rudders
 from sim_core.vessel.spec import Propeller, VesselSpec
+from sim_core.vessel.tables import AbkowitzTerms, MmgSteering
 from sim_core.vessel.windage import AIR_DENSITY_KGPM3
 
 Propellers = tuple[Propeller, ...]
@@ -191,7 +192,7 @@ class OpenWaterThrust:
         """Compute the constants of the one propeller."""
         (curve,) = (propeller.open_water for propeller in propellers)
         assert curve is not None
-        ratios, coefficients = np.array(curve.advance_ratio), np.array(curve.thrust_coefficient)
+        ratios, coefficients = map(np.array, curve.curve)
         return cls(
             per_term=np.full((1, 1), water.density_kgpm3 * curve.diameter_m**4 * curve.max_speed_rps**2),
             per_mps=np.full(1, 1.0 / (curve.max_speed_rps * curve.diameter_m)),
@@ -446,10 +447,91 @@ class SteeredPropulsion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MmgPropulsion:
+    """Propellers and rudders by the MMG standard method: see `tables.py`. The state is that of `SteeredPropulsion`."""
+
+    actuators: SteeredPropulsion
+    steering: MmgSteering
+    wrench: Array  # (P + 2 R, 6) per newton of thrust, of F_N sin(delta) and of F_N cos(delta)
+
+    @classmethod
+    def from_spec(cls, model: VesselSpec, water: Water, dt_s: float, at_table: Array) -> MmgPropulsion:
+        """Compute the constants. at_table: (6, 6) of `moved_to` for the place of the hull's forces."""
+        assert model.mmg is not None
+        steering = MmgSteering.from_spec(model, model.mmg, water.density_kgpm3, at_table)
+        wrench = np.concatenate([_thrust_wrench(model.propellers), steering.wrench])
+        return cls(SteeredPropulsion.from_spec(model, water, dt_s), steering, wrench)
+
+    def spin(self, actuators: Array, command: Array) -> Array:
+        """Return (N, P + R) one step later."""
+        return self.actuators.spin(actuators, command)
+
+    def terms(
+        self, actuators: Array, nu_r: Array, air_frd_mps: Array, thrust_share: Array | None = None
+    ) -> tuple[Array, ...]:
+        """Return newtons along the rows of `wrench`: (N, P), (N, R), (N, R)."""
+        law = self.actuators.law
+        propellers = law.per_mps.size
+        angle = actuators[:, propellers:] * self.actuators.full_angle_rad
+        advance = self.steering.advance_mps(nu_r)
+        thrust_n = _thrust_n(law, actuators[:, :propellers], advance * law.per_mps)
+        if thrust_share is not None:
+            thrust_n *= thrust_share
+        return thrust_n, *self.steering.forces_n(nu_r, advance, thrust_n, angle)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AbkowitzPropulsion:
+    """Propellers and a rudder of an Abkowitz table, which contains the thrust at its own throttle.
+
+    Other throttles add the difference of thrust. The state is that of `SteeredPropulsion`.
+    """
+
+    actuators: SteeredPropulsion
+    nominal_throttle: float
+    rudder_sign: float
+    rudder: AbkowitzTerms
+    wrench: Array  # (P + K, 6) per newton of thrust, then the terms of the rudder
+
+    @classmethod
+    def from_spec(cls, model: VesselSpec, water: Water, dt_s: float, at_table: Array) -> AbkowitzPropulsion:
+        """Compute the constants. at_table: (6, 6) of `moved_to` for the place of the table's forces."""
+        spec = model.abkowitz
+        assert spec is not None
+        rudder = AbkowitzTerms.from_spec(spec, water.density_kgpm3, at_table, rudder=True)
+        wrench = np.concatenate([_thrust_wrench(model.propellers), rudder.wrench])
+        steered = SteeredPropulsion.from_spec(model, water, dt_s)
+        return cls(steered, spec.nominal_throttle, spec.rudder_sign, rudder, wrench)
+
+    def spin(self, actuators: Array, command: Array) -> Array:
+        """Return (N, P + 1) one step later."""
+        return self.actuators.spin(actuators, command)
+
+    def terms(
+        self, actuators: Array, nu_r: Array, air_frd_mps: Array, thrust_share: Array | None = None
+    ) -> tuple[Array, ...]:
+        """Return newtons of added thrust (N, P), and the terms of the rudder (N, K)."""
+        law = self.actuators.law
+        speed = actuators[:, : law.per_mps.size]
+        advance = np.concatenate((nu_r, air_frd_mps), axis=1) @ self.actuators.inflow
+        thrust_n = _thrust_n(law, speed, advance)
+        if thrust_share is not None:
+            thrust_n *= thrust_share
+        ahead, resistance = self.rudder.slow(nu_r[:, :1])
+        inside = advance + (ahead - nu_r[:, :1]) * self.actuators.inflow[0]
+        added_n = thrust_n - resistance * _thrust_n(law, np.zeros_like(speed) + self.nominal_throttle, inside)
+        angle = self.rudder_sign * actuators[:, law.per_mps.size :] * self.actuators.full_angle_rad
+        return added_n, *self.rudder.terms(nu_r, angle)
+
+
+OwnPropulsion = Propulsion | SteeredPropulsion | MmgPropulsion | AbkowitzPropulsion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ExtendedPropulsion:
     """Propellers and rudders together with actuators of packages. The state of the actuators follows that of `own`."""
 
-    own: Propulsion | SteeredPropulsion
+    own: OwnPropulsion
     added: tuple[tuple[str, str, Actuator, slice], ...]
     """Name, kind, actuator, and columns of state and commands."""
     own_commands: int
@@ -457,7 +539,7 @@ class ExtendedPropulsion:
     """Of `own`, then (6, 6) unit force and moment for each added actuator."""
 
     @classmethod
-    def from_spec(cls, own: Propulsion | SteeredPropulsion, model: VesselSpec, water: Water, dt_s: float) -> Self:
+    def from_spec(cls, own: OwnPropulsion, model: VesselSpec, water: Water, dt_s: float) -> Self:
         """Make the actuators of the vessel. Raises ActuatorError."""
         added, first = [], model.own_commands
         for name, spec in model.actuators.items():
@@ -512,9 +594,19 @@ def _failure(name: str, kind: str, error: Exception) -> ActuatorError:
 
 
 def make_propulsion(
-    model: VesselSpec, water: Water, dt_s: float
-) -> Propulsion | SteeredPropulsion | ExtendedPropulsion:
-    """Return the propulsion model that fits the vessel's propellers, rudders and added actuators."""
-    kind = Propulsion if model.own_commands == len(model.propellers) else SteeredPropulsion
-    own = kind.from_spec(model, water, dt_s)
+    model: VesselSpec, water: Water, dt_s: float, at_table: Array | None = None
+) -> OwnPropulsion | ExtendedPropulsion:
+    """Return the propulsion model that fits the vessel's propellers, rudders, table and added actuators.
+
+    at_table: (6, 6) of `moved_to` for the place of the table's forces, None for the origin.
+    """
+    own: OwnPropulsion
+    place = np.eye(6) if at_table is None else at_table
+    if model.mmg is not None:
+        own = MmgPropulsion.from_spec(model, water, dt_s, place)
+    elif model.abkowitz is not None:
+        own = AbkowitzPropulsion.from_spec(model, water, dt_s, place)
+    else:
+        kind = Propulsion if model.own_commands == len(model.propellers) else SteeredPropulsion
+        own = kind.from_spec(model, water, dt_s)
     return ExtendedPropulsion.from_spec(own, model, water, dt_s) if model.actuators else own

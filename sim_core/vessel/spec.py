@@ -6,6 +6,7 @@ its centre of gravity may lie elsewhere.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, fields
 from functools import lru_cache
@@ -26,6 +27,7 @@ from sim_core.keys import (
     Vector,
 )
 from sim_core.vessel.derivatives import COMPONENTS, VELOCITIES, Derivative, parse_derivative
+from sim_core.vessel.tables_spec import AbkowitzSpec, MmgSpec
 
 Row = tuple[float, float, float, float, float, float]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
@@ -237,16 +239,47 @@ class SteeringGear(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenWater(Specification):
-    """Open-water curve of a propeller: thrust = rho D⁴ K_T(J) n |n|, J = u_a / (n D)."""
+    """Open-water curve of a propeller: thrust = rho D⁴ K_T(J) n |n|, J = u_a / (n D). Give a table or a polynomial."""
 
     diameter_m: Positive
     max_speed_rps: Annotated[Positive, "speed of the shaft at full command"]
-    advance_ratio: Annotated[Table, "values of J, rising from 0"]
-    thrust_coefficient: Annotated[Table, "K_T at each J, falling; beyond the last value, its slope continues"]
+    advance_ratio: Annotated[Table | None, "values of J, rising from 0"] = None
+    thrust_coefficient: Annotated[
+        Table | None, "K_T at each J, falling; beyond the last value, its slope continues"
+    ] = None
+    thrust_polynomial: Annotated[Vector | None, "k0, k1, k2 of K_T = k0 + k1 J + k2 J², up to K_T = 0"] = None
     reverse_share: Annotated[Share, "share of K_T when the propeller turns astern"] = 1.0
+
+    @property
+    def curve(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """J and K_T at each point. A polynomial gives 201 points up to a little beyond its zero."""
+        if self.thrust_polynomial is None:
+            assert self.advance_ratio is not None
+            assert self.thrust_coefficient is not None
+            return self.advance_ratio, self.thrust_coefficient
+        k0, k1, k2 = self.thrust_polynomial
+        zero = -k0 / k1 if k2 == 0 else (-k1 - math.sqrt(k1 * k1 - 4 * k0 * k2)) / (2 * k2)
+        ratios = tuple(1.05 * zero * point / 200 for point in range(201))
+        return ratios, tuple(k0 + k1 * ratio + k2 * ratio * ratio for ratio in ratios)
+
+    def _check_polynomial(self, polynomial: Vector) -> None:
+        k0, k1, k2 = polynomial
+        if k0 <= 0:
+            raise SpecificationError(("thrust_polynomial", 0), f"= {k0:g} gives no thrust at rest; use a k0 above 0")
+        if k1 >= 0 or k1 * k1 < 4 * k0 * k2:
+            raise SpecificationError(
+                ("thrust_polynomial",), "does not fall to K_T = 0 from J = 0 on; look for a wrong sign"
+            )
 
     def check(self) -> None:
         ratios, coefficients = self.advance_ratio, self.thrust_coefficient
+        if self.thrust_polynomial is not None:
+            if ratios is not None or coefficients is not None:
+                raise SpecificationError(("thrust_polynomial",), "and a table exclude each other; give one of them")
+            self._check_polynomial(self.thrust_polynomial)
+            return
+        if ratios is None or coefficients is None:
+            raise SpecificationError((), "needs advance_ratio and thrust_coefficient, or thrust_polynomial")
         if len(ratios) != len(coefficients):
             raise SpecificationError(
                 ("thrust_coefficient",),
@@ -337,7 +370,7 @@ class Propeller(Specification):
             assert self.max_thrust_n is not None
             assert self.max_reverse_thrust_n is not None
             return self.max_thrust_n, self.max_reverse_thrust_n
-        ahead_n = water_density_kgpm3 * curve.diameter_m**4 * curve.thrust_coefficient[0] * curve.max_speed_rps**2
+        ahead_n = water_density_kgpm3 * curve.diameter_m**4 * curve.curve[1][0] * curve.max_speed_rps**2
         return ahead_n, ahead_n * curve.reverse_share
 
 
@@ -491,6 +524,15 @@ class VesselSpec(Specification):
         dict[str, float],
         "values by SNAME name with their signs, such as Y_rv or X_uuu: [vessel.md](vessel.md#derivatives)",
     ] = field(default_factory=dict)
+    derivatives_contain: Annotated[
+        Literal["damping", "munk_moment", "added_mass_coriolis", "coriolis"] | None,
+        "terms of surge, sway and yaw in `derivatives` or `abkowitz`; xitl adds the other Coriolis terms: "
+        "[vessel.md](vessel.md#coriolis-terms-in-a-table); null: damping, required for `abkowitz`",
+    ] = None
+    mmg: Annotated[MmgSpec | None, "surge, sway and yaw by the MMG standard method: [vessel.md](vessel.md#mmg)"] = None
+    abkowitz: Annotated[
+        AbkowitzSpec | None, "surge, sway and yaw by Abkowitz's form: [vessel.md](vessel.md#abkowitz)"
+    ] = None
     cross_flow_drag: CrossFlowDrag | None = None
     centre_of_lateral_resistance_frd_m: Annotated[
         Vector | None,
@@ -530,6 +572,12 @@ class VesselSpec(Specification):
 
         self._check_inertia()
         parsed = self._parsed_derivatives()
+        if self.table_key is not None:
+            self._check_table(self.table_key, parsed)
+        elif self.derivatives_contain not in (None, "damping") and not self.derivatives:
+            raise SpecificationError(
+                ("derivatives_contain",), "is of `derivatives` or `abkowitz`, and this vessel has neither; leave it out"
+            )
         self._check_given_once(parsed)
         self._check_signs(parsed)
         self._check_definite(parsed)
@@ -538,6 +586,60 @@ class VesselSpec(Specification):
                 self._check_race(("rudders", number), rudder, rudder.propeller)
 
         self._check_actuators()
+
+    @property
+    def table_key(self) -> Literal["mmg", "abkowitz"] | None:
+        """Key of the table that gives the forces in surge, sway and yaw; None for the other forms."""
+        return "mmg" if self.mmg is not None else "abkowitz" if self.abkowitz is not None else None
+
+    @property
+    def table_contains(self) -> Literal["damping", "munk_moment", "added_mass_coriolis", "coriolis"]:
+        """What the table of surge, sway and yaw contains of the Coriolis terms."""
+        return "munk_moment" if self.mmg is not None else self.derivatives_contain or "damping"
+
+    def _check_table(self, key: str, parsed: dict[str, Derivative]) -> None:
+        """Check that nothing else gives forces in surge, sway and yaw, and that the actuators fit the table."""
+        if self.mmg is not None and self.abkowitz is not None:
+            raise SpecificationError(("abkowitz",), "and `mmg` exclude each other; keep one")
+        if self.mmg is not None and self.derivatives_contain is not None:
+            text = "is fixed for `mmg`: its table contains the Munk moment; leave it out"
+            raise SpecificationError(("derivatives_contain",), text)
+        if self.abkowitz is not None and self.derivatives_contain is None:
+            text = "is missing; write `coriolis` if Y_r contains -m u, or else `added_mass_coriolis` if N_v contains "
+            raise SpecificationError(("derivatives_contain",), text + "the Munk moment, or `damping`")
+        for other in ("added_mass_matrix", "damping_linear_matrix", "cross_flow_drag"):
+            if getattr(self, other) is not None:
+                raise SpecificationError(
+                    (other,), f"and `{key}` both give forces in sway and yaw; leave one of them out"
+                )
+        if self.stern_force == "on":
+            raise SpecificationError(("stern_force",), f"is part of the table `{key}`; use off, or leave it out")
+        for group in ("added_mass", "damping_linear", "damping_quadratic"):
+            for each in fields(given := getattr(self, group)):
+                if each.name.startswith(("surge", "sway", "yaw")) and getattr(given, each.name):
+                    text = f"and `{key}` both give it; leave it out, or set it to 0"
+                    raise SpecificationError((group, each.name), text)
+        for name, derivative in parsed.items():
+            involved = {derivative.component, derivative.acceleration, *(index for index, _ in derivative.factors)}
+            if involved <= {None, 0, 1, 5}:
+                raise SpecificationError(("derivatives", name), f"and `{key}` both give it; leave one of them out")
+        self._check_table_actuators(key)
+
+    def _check_table_actuators(self, key: str) -> None:
+        if not self.rudders:
+            raise SpecificationError(("rudders",), f"are missing; `{key}` describes a vessel with a rudder")
+        for number, propeller in enumerate(self.propellers):
+            if propeller.medium != "water" or propeller.steering is not None or propeller.angle_deg:
+                text = f"does not push straight ahead in water, as `{key}` assumes; use `derivatives` for this vessel"
+                raise SpecificationError(("propellers", number), text)
+        if self.mmg is not None:
+            for number, rudder in enumerate(self.rudders):
+                if rudder.propeller is None:
+                    raise SpecificationError(
+                        ("rudders", number, "propeller"), "is missing; give the number of the propeller before it"
+                    )
+        elif len(self.rudders) > 1:
+            raise SpecificationError(("rudders",), "are more than one; the table has one rudder angle")
 
     def _check_actuators(self) -> None:
         """Check the names of the added commands, which come from the code of packages."""

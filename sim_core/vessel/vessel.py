@@ -10,12 +10,13 @@ from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import FLAT_WATER, FlatWater, HullSurface, StillHull, WaveField
 from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
+from sim_core.state_class import state_class
 from sim_core.vessel.battery import Battery, BatteryState
 from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy
 from sim_core.vessel.condition import Condition, healthy, with_row
 from sim_core.vessel.floating import FloatingPose, floating_pose
-from sim_core.vessel.hydrodynamics import Hydrodynamics
-from sim_core.vessel.propulsion import ExtendedPropulsion, Propulsion, SteeredPropulsion, make_propulsion
+from sim_core.vessel.hydrodynamics import Hydrodynamics, at_table, centre_of_lateral_resistance
+from sim_core.vessel.propulsion import ExtendedPropulsion, OwnPropulsion, make_propulsion
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.step_length import check_step_length
 from sim_core.vessel.wave_forces import FLAT, NoWaveForces, WaveForces
@@ -32,7 +33,7 @@ _HALF_RATES = 0.5 * np.array(
 ).reshape(12, 4)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class VesselState:
     """State of N vessels."""
 
@@ -53,7 +54,7 @@ class VesselState:
     """The same arrays as parts of one, if a compiled step made them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@state_class
 class PackedState:
     """The state of N vessels in the columns of one array, which a compiled step reads and writes at once."""
 
@@ -102,7 +103,7 @@ class Vessel:
     dt_s: float
     hydrodynamics: Hydrodynamics
     buoyancy: Buoyancy
-    propulsion: Propulsion | SteeredPropulsion | ExtendedPropulsion
+    propulsion: OwnPropulsion | ExtendedPropulsion
     battery: Battery | None
     windage: WindDrag
     wave_forces: WaveForces | NoWaveForces
@@ -126,7 +127,7 @@ class Vessel:
             dt_s=dt_s,
             hydrodynamics=hydrodynamics,
             buoyancy=buoyancy,
-            propulsion=make_propulsion(model, water, dt_s),
+            propulsion=make_propulsion(model, water, dt_s, at_table(centre_of_lateral_resistance(model, rest.draft_m))),
             battery=Battery.from_spec(model, dt_s),
             windage=WindDrag.from_spec(model, -rest.depth_m),
             wave_forces=FLAT,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,8 @@ def test_the_catamaran_agrees_with_every_reference(xitl: Xitl, tmp_path: Path) -
     assert figures["turn_starboard_tactical_diameter_m"]["value"] > figures["turn_starboard_transfer_m"]["value"] > 0
     page = (tmp_path / "validation.html").read_text(encoding="utf-8")
     assert "Turning circles" in page
-    assert "no published reference" in page
+    assert "no reference" in page
+    assert "same equations" in page
 
 
 @pytest.mark.slow
@@ -51,6 +53,13 @@ def test_what_cannot_be_validated(xitl: Xitl) -> None:
     assert "calm: has no vehicle" in told.stderr
 
 
+def test_the_surroundings_alone(xitl: Xitl) -> None:
+    told = xitl("validate", "surroundings")
+    assert told.returncode == 0, told.stdout + told.stderr
+    assert "Magnetic field: WMM2025" in told.stdout
+    assert "from outside xitl" in told.stdout
+
+
 @pytest.mark.slow
 def test_published_vessels_do_as_published(xitl: Xitl) -> None:
     """Within 3 % in surge, sway and rate of turn, 3 degrees of heading: what the runs allow."""
@@ -61,6 +70,21 @@ def test_published_vessels_do_as_published(xitl: Xitl) -> None:
     for vehicle in vehicles:
         runs = [figure for figure in vehicle["figures"] if figure["manoeuvre"] == "Published runs"]
         assert len(runs) >= 12
+        assert {figure["kind"] for figure in runs} == {"published"}
         for figure in runs:
             most = 3.0 if figure["unit"] == "deg" else max(0.03 * abs(figure["reference"]), 0.05)
             assert abs(figure["value"] - figure["reference"]) <= most, figure
+
+
+@pytest.mark.slow
+def test_the_documentation_states_the_shares(xitl: Xitl) -> None:
+    told = xitl("validate", "--json", timeout_s=240.0)
+    assert told.returncode == 0, told.stdout + told.stderr
+    counts = json.loads(told.stdout)["references"]
+    page = (Path(__file__).parents[2] / "docs/validation.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| ([a-z ]+) \| .* \| (.+) \|$", page, re.MULTILINE))
+    total = sum(counts.values())
+    for kind, count in counts.items():
+        assert rows[kind] == (f"{count}, {100 * count / total:.0f} %" if count else "none yet")
+    outside = sum(counts[kind] for kind in ("measured", "published", "panel code"))
+    assert f"{outside} comparisons, {100 * outside / total:.0f} %" in page

@@ -14,12 +14,16 @@ from sim_core.environment.spec import Water, WaveSpec
 from sim_core.environment.tide import make_tide
 from sim_core.environment.waves import WaveField, jonswap, realise_waves
 from sim_core.vessel.sections import hull_shape
+from tests.oracles import mariner
+from tests.oracles.kvlcc2 import Kvlcc2, ZigZag
 from tools.pictures.browser import fewer_colours
 from tools.pictures.workplace import Workplace
+from xitl_cli.plugins.studies.manoeuvres.ship_trials import ship_trials
 
 INK, BLUE, AMBER, GREEN, RED, GREY = "#1c2733", "#2f6fc4", "#b97a10", "#23834a", "#c23b33", "#8a97a5"
 VESSELS = ("wamv16", "asv-full", "otter", "heron", "cybership2", "blueboat", "asv-third")
 CONVOY = "xitl sim fleet-convoy --duration 150 --out runs/convoy"
+EXCITATION = "xitl sim identify-excitation --out runs/excitation"
 CUT = "xitl sim cut.yaml --out runs/cut"
 RIVER = "xitl sim sitl-perception --duration 130 --out runs/river"
 
@@ -65,6 +69,51 @@ def vehicles(workplace: Workplace, path: Path) -> None:
         axes.set_xticks([])
 
     figure(path, draw, height=4.6)
+
+
+def manoeuvres(workplace: Workplace, path: Path) -> None:
+    """Turning circle and zig-zags of ships with published tables, beside their sources' equations and figures."""
+    ships = {name: xitl.load_profile(f"vehicles/{name}").vehicle for name in ("kvlcc2-l7", "mariner")}
+    plots = {name: {plot.key: plot for plot in ship_trials(ship, name).plots} for name, ship in ships.items()}
+    tanker = Kvlcc2(resistance=0.0157, gyration=0.24)
+    circle = tanker.sail(1.179, 10.4, lambda _turned: 35.0, 160.0, 0.1)
+    zig_zags = {
+        "kvlcc2-l7": (tanker.sail(1.179, 10.4, ZigZag(20.0), 80.0, 0.02), 0.02),
+        "mariner": (mariner.sail(ZigZag(20.0), 300.0, 0.1), 0.1),
+    }
+
+    def draw(axes: Any) -> None:
+        chart, *panels = axes
+        own = plots["kvlcc2-l7"]["ship_turning"].traces[0]
+        chart.plot(own.x, own.y, color=BLUE, label="xitl")
+        chart.plot(
+            circle[::40, 4] / 7, circle[::40, 3] / 7, ".", color=INK, markersize=4, label="equations of the paper"
+        )
+        for (advance, tactical), marker, name in (
+            ((3.31, 3.36), "x", "its simulation: advance, tactical diameter"),
+            ((3.25, 3.34), "s", "free run of MARIN"),
+        ):
+            chart.axhline(advance, 0.0, 0.45, color=GREY, linewidth=0.6)
+            chart.plot([0.1, tactical], [advance, 0.0], marker, color=RED, markersize=6, fillstyle="none", label=name)
+        chart.set(
+            xlabel="east (lengths)",
+            ylabel="north (lengths)",
+            title="KVLCC2 L7, 35°",
+            aspect="equal",
+            xlim=(-0.3, 4.3),
+            ylim=(-1.6, 4),
+        )
+        chart.legend(fontsize=7, loc="lower left")
+        for panel, (name, (states, step_s)) in zip(panels, zig_zags.items(), strict=True):
+            heading = plots[name]["ship_zig_zag_20"].traces[0]
+            shown = heading.x <= len(states) * step_s
+            panel.plot(heading.x[shown], heading.y[shown], color=BLUE)
+            time_s = np.arange(len(states)) * step_s
+            panel.plot(time_s[::100], np.degrees(states[::100, 5]), ".", color=INK, markersize=4)
+            panel.step(time_s, np.degrees(states[:, 6]), color=AMBER, linewidth=0.8)
+            panel.set(xlabel="time (s)", ylabel="heading, rudder (°)", title=f"{name}, zig-zag 20/20")
+
+    figure(path, draw, width=11.0, height=4.2, panels=3)
 
 
 def seas(workplace: Workplace, path: Path) -> None:
@@ -284,3 +333,34 @@ def learning(workplace: Workplace, path: Path) -> None:
         axes.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
 
     figure(path, draw, width=6.2, height=5.8)
+
+
+def identification(workplace: Workplace, path: Path) -> None:
+    """A boat over 30 s that the fit did not use: measured, and predicted by two vehicles."""
+    from xitl_cli.plugins.identify.free_keys import free_keys, with_values
+    from xitl_cli.plugins.identify.identification import Settings, identify
+    from xitl_cli.plugins.identify.log_recording import read_log
+    from xitl_cli.profile.schema.agents import ReplaySpec
+
+    vehicle = xitl.load_profile("vehicles/asv-third").vehicle
+    workplace.typed(EXCITATION)
+    log = workplace.folder / "runs/excitation/autopilot.bin"
+    keys = free_keys(vehicle, (), ())
+    start = with_values(vehicle, keys, np.random.default_rng(2).uniform(-0.5, 0.5, len(keys)))
+    found = identify([read_log(log, vehicle, ReplaySpec(), "estimate")], start, Water(), Settings())
+    shown = found.predictions[-1]
+    time_s = shown.time_s - shown.time_s[0]
+
+    def draw(axes: Any) -> None:
+        for own, axis, label, scale in ((axes[0], 0, "surge (m/s)", 1.0), (axes[1], 2, "yaw rate (deg/s)", 57.2958)):
+            own.plot(
+                time_s, scale * shown.before[:, axis], color=AMBER, linewidth=1.4, label="predicted, first vehicle"
+            )
+            own.plot(time_s, scale * shown.measured[:, axis], color=INK, linewidth=2.2, label="measured")
+            own.plot(
+                time_s, scale * shown.predicted[:, axis], "--", color=BLUE, linewidth=1.6, label="predicted, identified"
+            )
+            own.set(xlabel="time (s)", ylabel=label)
+        axes[0].legend(frameon=False, fontsize=9)
+
+    figure(path, draw, panels=2)

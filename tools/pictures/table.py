@@ -59,6 +59,7 @@ PICTURES: dict[str, Maker] = {
     "plot-a-run.png": pages.example,
     "boundary.png": lambda workplace, path: boundary.draw(workplace.folder, path),
     "vehicles.png": plots.vehicles,
+    "manoeuvres.png": plots.manoeuvres,
     "own-site.png": plots.own_site,
     "seas.png": plots.seas,
     "tide.png": plots.tide,
@@ -66,4 +67,5 @@ PICTURES: dict[str, Maker] = {
     "fleet.png": plots.fleet,
     "perception.png": plots.perception,
     "learning.png": plots.learning,
+    "identify.png": plots.identification,
 }

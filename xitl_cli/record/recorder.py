@@ -308,7 +308,7 @@ class Recorder:
             estimate.vel_ned_mps @ frames.quat_to_matrix(estimate.quat_ned_frd),
             estimate.quat_ned_frd,
             estimate.gyro_frd_radps,
-            _pose_covariance(estimate.pos_deviation_ned_m),
+            _pose_covariance(estimate.pos_deviation_ned_m, estimate.yaw_deviation_rad),
             _UNKNOWN,
         )
         self._topics.transform(stamp_ns, self._topics.frame(ESTIMATE_FRAME), position, attitude)
@@ -382,13 +382,15 @@ class Recorder:
         return position, attitude
 
 
-def _pose_covariance(pos_deviation_ned_m: Array | None) -> tuple[float, ...]:
-    """Return the covariance (36,) of a pose in ENU, row by row. No autopilot reports the variance of its attitude."""
+def _pose_covariance(pos_deviation_ned_m: Array | None, yaw_deviation_rad: float | None) -> tuple[float, ...]:
+    """Return the covariance (36,) of a pose in ENU, row by row. No autopilot reports the variance of its tilt."""
     if pos_deviation_ned_m is None:
         return _UNKNOWN
     north, east, down = pos_deviation_ned_m.tolist()
     covariance = list(_UNKNOWN)
     covariance[0], covariance[7], covariance[14] = east * east, north * north, down * down
+    if yaw_deviation_rad is not None:
+        covariance[35] = yaw_deviation_rad * yaw_deviation_rad
     return tuple(covariance)
 
 

@@ -169,6 +169,8 @@ class MotionEstimate:
     gyro_frd_radps: NDArray[np.float64]
     pos_deviation_ned_m: NDArray[np.float64] | None = None
     """(3,), standard deviation of the position as the autopilot estimates it, None if it does not report it."""
+    yaw_deviation_rad: float | None = None
+    """Standard deviation of the heading as the autopilot estimates it, None if it does not report it."""
 
 
 @dataclass(frozen=True, slots=True)

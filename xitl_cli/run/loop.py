@@ -38,19 +38,20 @@ vessel's step.
 class Schedule:
     """Calls of a method of the nodes in their order, each with its period in physics steps.
 
-    `touch` is called right before a node's `sense`. groups: the nodes of each group, by its number.
+    `touch` is called right before a node's `sense`. groups: the nodes of each group, by its number. periods: of all
+    calls.
     """
 
     def __init__(self, method: str, groups: Sequence[tuple[int, Sequence[RunNode]]]) -> None:
         self._groups = [(number, list(_calls_of(method, nodes))) for number, nodes in groups]
-        self._periods = sorted({period for _, calls in self._groups for period, _ in calls if period is not None})
+        self.periods = sorted({period for _, calls in self._groups for period, _ in calls if period is not None})
         self._due: dict[tuple[bool, ...], list[Group]] = {}
 
     def due(self, number: int, touching: Collection[int] = ()) -> list[Group]:
         """Return the calls that are due at step `number`. touching: numbers of the groups with a contact."""
-        key = tuple([number % period == 0 for period in self._periods])
+        key = tuple([number % period == 0 for period in self.periods])
         if touching or key not in self._due:
-            periods = {period for period, divides in zip(self._periods, key, strict=True) if divides}
+            periods = {period for period, divides in zip(self.periods, key, strict=True) if divides}
             due = [
                 (group, [call for period, call in calls if period in periods or (period is None and group in touching)])
                 for group, calls in self._groups
@@ -144,12 +145,17 @@ class Loop:
         answers = self._grouped("exchange", [], [vessel.behind for vessel in vessels], behind)
         plant, clock = self._plant, self._clock
         self._update_progress()
-        number = 0
+        number, dt_ns = 0, plant.simulation.dt_ns
+        periods = sorted({*sense.periods, *record.periods, self._every_exchange})
         while number < self._last_step:
-            number += 1
-            self._wait_until(plant.state.time_ns + plant.simulation.dt_ns)
+            # One step, or all steps until something is due
+            due = 1
+            if not self._pace.waits:
+                due = min([period - number % period for period in periods])
+            due = min(due, self._last_step - number)
+            self._wait_until(plant.state.time_ns + due * dt_ns)
             try:
-                plant.advance(self._motors)
+                plant.advance(self._motors, due)
             except ActuatorError as error:
                 now_ns, package = plant.state.time_ns, package_of(ACTUATORS, error.kind)
                 text = "".join(traceback.format_exception(error))
@@ -158,6 +164,7 @@ class Loop:
                     f"{error} at {now_ns * 1e-9:.2f} s ({package}); correct the plug-in or remove it from the profile"
                 ) from error
             clock.step_ns = plant.state.time_ns
+            number = clock.step_ns // dt_ns
             steps = StepViews(plant, number)
             touching = plant.touching()
             self._call(sense.due(number, {self._group_of(vessel) for vessel in touching} if touching else ()), steps)

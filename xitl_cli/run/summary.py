@@ -64,7 +64,7 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
     """
     sections: Sections = {
         "mission": None,
-        "estimation": {"position_rms_m": None, "position_nees": None, "heading_rms_deg": None},
+        "estimation": dict.fromkeys(("position_rms_m", "position_nees", "heading_rms_deg", "heading_nees")),
         "links": [],
         "tasks": [],
         "clocks": [],

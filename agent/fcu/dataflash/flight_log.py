@@ -351,7 +351,7 @@ class FlightLog:
         self._put(records.health(now_us, autopilot.state.estimate, autopilot.estimator.ratios))
         variances = autopilot.estimator.variances()
         if variances is not None:
-            self._put(records.variances(now_us, variances))
+            self._put(records.variances(now_us, variances, autopilot.state.estimate.yaw_rad))
 
     def _log_navigation(self, now_us: int, autopilot: Autopilot) -> None:
         output, state = autopilot.navigator.output, autopilot.state

@@ -136,10 +136,15 @@ def health(now_us: int, estimate: StateEstimate, ratios: InnovationRatios) -> by
     return _XKQ(now_us, 0, *estimate.quat_ned_frd) + _XKF4(now_us, 0, *roots, status)
 
 
-def variances(now_us: int, of: EstimateVariances) -> bytes:
-    """XKV1. Attitude and gyro bias have no variances."""
+def variances(now_us: int, of: EstimateVariances, yaw_rad: float) -> bytes:
+    """XKV1. The variance of the heading appears in the first and last part of the quaternion, as of a level vessel.
+
+    Tilt and gyro bias have no variances.
+    """
+    quarter = 0.25 * of.heading_rad2
+    attitude = (quarter * math.sin(0.5 * yaw_rad) ** 2, math.nan, math.nan, quarter * math.cos(0.5 * yaw_rad) ** 2)
     level, down = (of.speed_m2ps2, of.speed_m2ps2, of.climb_m2ps2), (of.horizontal_m2, of.horizontal_m2, of.vertical_m2)
-    return _XKV1(now_us, 0, *(math.nan,) * 4, *level, *down, math.nan, math.nan)
+    return _XKV1(now_us, 0, *attitude, *level, *down, math.nan, math.nan)
 
 
 def navigation(now_us: int, output: GuidanceOutput, yaw_rad: float) -> bytes:

@@ -15,6 +15,7 @@ from agent.fcu.control.allocation import pulse_width_us
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.vehicle import modes, navigation
 from agent.fcu.vehicle.mission_progress import COMPLETE, UNDER_WAY
+from agent.mavlink.exchange import HEADING_DEVIATION
 from agent.navigation.geodetic import STANDARD_GRAVITY_MPS2
 from agent.wire import dialect as mav
 
@@ -253,6 +254,16 @@ def estimator_status(hub: MavlinkHub, now_ns: int) -> Any | None:
     )
 
 
+def heading_accuracy(hub: MavlinkHub, now_ns: int) -> Any | None:
+    """NAMED_VALUE_FLOAT `yaw_std`: standard deviation of the heading."""
+    variances = hub.autopilot.estimator.variances()
+    if variances is None or not variances.heading_rad2 >= 0.0:
+        return None
+    return mav.MAVLink_named_value_float_message(
+        _boot_ms(now_ns), HEADING_DEVIATION.encode(), _float32(math.sqrt(variances.heading_rad2))
+    )
+
+
 def _estimator_flags(hub: MavlinkHub) -> int:
     estimate = hub.autopilot.state.estimate
     flags = _EKF_ATTITUDE if estimate.attitude_valid else _EKF_UNINITIALIZED
@@ -460,6 +471,7 @@ REPORTS: Mapping[int, Report] = {
     mav.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
     mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status,
     mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
+    mav.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: heading_accuracy,
     mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: target_local,
     mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: target_global,
     mav.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,

@@ -46,9 +46,9 @@ class World:
         self.vessels = tuple(View(number) for number in range(vessels))
         self.commands: list[Any] = []
 
-    def advance(self, commands: list[Any]) -> None:
-        self.time_ns += self.dt_ns
-        self.commands.append(commands)
+    def advance(self, commands: list[Any], max_steps: int = 1) -> None:
+        self.time_ns += max_steps * self.dt_ns
+        self.commands += [commands] * max_steps
 
     def touching(self) -> tuple[int, ...]:
         return ()

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from kernel import needs_kernel
 
 from sim_core.environment.environment import Environment
-from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.spec import EnvironmentSpec, GustSpec, Water, WaveSpec, WindSpec
+from sim_core.environment.tide_spec import ConstituentSpec, TideSpec
 from sim_core.environment.waves import realise_waves
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.motion import Influences, MotionStep, Moved, move
@@ -195,17 +196,19 @@ def test_a_vessel_moves_the_same_alone_and_in_a_batch() -> None:
 class NumpyStep(MotionStep):
     """The step without its recording."""
 
-    def step(self, state: VesselState, influences: Influences) -> Moved:
-        return move(self.vessel, self.hull_waves, state, influences)
+    def __post_init__(self) -> None:
+        self.why_numpy = "the test asks for it"
 
 
-def sailed(simulated: Simulation, seconds: float, kind: type[MotionStep] = MotionStep) -> SimulationState:
+def sailed(
+    simulated: Simulation, seconds: float, kind: type[MotionStep] = MotionStep, at_once: int = 1
+) -> SimulationState:
     rng = np.random.default_rng(7)
     simulated = replace(simulated, motion=kind(simulated.vessel, simulated.hull_waves))
     state = initial(simulated, np.zeros((1, 2)), np.array([0.4]), rng)
     commands = np.array([[0.8, 0.65]])
-    for _ in range(round(seconds / simulated.dt_s)):
-        state = step(simulated, state, commands, rng)
+    for _ in range(round(seconds / simulated.dt_s / at_once)):
+        state = step(simulated, state, commands, rng, at_once)
     return state
 
 
@@ -225,3 +228,20 @@ def test_a_run_repeats_bit_for_bit() -> None:
     first, second = (sailed(simulated, 5.0).vessel.motion for _ in range(2))
     for field in fields(first):
         np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name))
+
+
+@pytest.mark.parametrize("kind", [MotionStep, NumpyStep])
+@pytest.mark.parametrize("at_once", [2, 5, 40])
+def test_steps_at_once_are_the_steps_one_by_one(at_once: int, kind: type[MotionStep]) -> None:
+    tide = TideSpec(constituents=(ConstituentSpec("own", 0.8, 30.0, speed_degph=20_000.0),))
+    wind = WindSpec(6.0, 240.0, gust=GustSpec("ornstein-uhlenbeck", 1.5))
+    environment = EnvironmentSpec(Water(tide=tide), waves=SEAS["random"], wind=wind)
+    model = simulation("vehicles/asv-full", "flat").vessel.model
+    simulated = Simulation.from_spec(model, Environment.from_spec(environment, np.random.default_rng(4)), 0.0025)
+    alone, together = (sailed(simulated, 1.0, kind, steps) for steps in (1, at_once))
+    assert together.time_ns == alone.time_ns == 1_000_000_000
+    assert together.surface.tide_m == alone.surface.tide_m != 0.0
+    expected = arrays_of(Moved(alone.vessel, alone.surface, alone.drift_frd_n))
+    for name, values in arrays_of(Moved(together.vessel, together.surface, together.drift_frd_n)).items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+    np.testing.assert_array_equal(together.wind_ned_mps, alone.wind_ned_mps)

@@ -213,6 +213,28 @@ def test_the_order_of_the_models_makes_no_difference_and_a_seed_repeats_a_fleet(
         assert fleet_of(names) == first
 
 
+def test_steps_at_once_end_early_where_hulls_touch() -> None:
+    fleet = Fleet.from_spec([FULL, FULL], weather(), 0.0025)
+    alone = together = at_rest(fleet, [[0.0, 0.0], [3.2, 0.0]])
+    commands, ours, theirs = fleet.by_model([[0.6, 0.6], [0.0, 0.0]]), *(np.random.default_rng(3) for _ in range(2))
+    lengths, touches = set(), 0
+    while together.time_ns < 4_000_000_000:
+        before_ns = together.time_ns
+        together = fleets.step(fleet, together, commands, ours, max_steps=8)
+        lengths.add((together.time_ns - before_ns) // fleet.dt_ns)
+        while alone.time_ns < together.time_ns:
+            alone = fleets.step(fleet, alone, commands, theirs)
+            touched = sum(len(batch.contacts) for batch in alone.batches)
+            assert not touched or alone.time_ns == together.time_ns
+        touches += touched
+        for number in range(2):
+            of_alone = fleets.kinematics_of(fleet, alone, number)
+            assert bytes_of(fleets.kinematics_of(fleet, together, number)) == bytes_of(of_alone)
+        assert sum(len(batch.contacts) for batch in together.batches) == touched
+    assert lengths == {1, 8}
+    assert touches > 10
+
+
 def test_all_have_one_weather_and_each_its_own_waves() -> None:
     environment = weather()
     fleet = Fleet.from_spec([FULL] * 3 + [SMALL], environment, 0.0025)

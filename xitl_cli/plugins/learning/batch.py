@@ -138,8 +138,10 @@ class VesselBatch:
             simulation, state, rng, sensors = self._simulation, block.state, block.rng, block.sensors
             own, origin_ned_m = command[rows], self._origin_ned_m[rows]
             block.touched = np.zeros(len(own))
-            for _ in range(self.steps):
-                state = simulations.step(simulation, state, own, rng)
+            end_ns = state.time_ns + self.steps * simulation.dt_ns
+            while state.time_ns < end_ns:
+                left = 1 if self._sensors else (end_ns - state.time_ns) // simulation.dt_ns
+                state = simulations.step(simulation, state, own, rng, left)
                 sensors.advance(state, origin_ned_m)
                 if len(state.contacts):
                     block.touched[state.contacts.vessel] = 1.0

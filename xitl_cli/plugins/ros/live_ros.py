@@ -64,7 +64,7 @@ class LiveRosNode(RunNode):
         self._topics: list[str] = []
         self._dropped: Counter[int] = Counter()
         self._now_ns = 0
-        self._every = max(round(profiles[0].clock.physics_rate_hz / HAND_OVER_HZ), 1)
+        self.record_every = max(round(profiles[0].clock.physics_rate_hz / HAND_OVER_HZ), 1)
         self._progress = (0, 0.0)
         self._next_s = 0.0
         self._silent = False
@@ -141,7 +141,7 @@ class LiveRosNode(RunNode):
             self.poll()
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every == 0 and self._queue and (self._holds or time.monotonic() >= self._next_s):
+        if self._queue and (self._holds or time.monotonic() >= self._next_s):
             self._hand_over()
 
     def _hand_over(self) -> None:
@@ -293,7 +293,7 @@ class RosLockstepNode(RunNode):
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._keys = keys
-        self._every = max(round(keys.step_s * clock.physics_rate_hz), 1)
+        self.record_every = max(round(keys.step_s * clock.physics_rate_hz), 1)
         self._nodes = nodes
         self._tell = tell
         self._interrupted = interrupted
@@ -315,9 +315,8 @@ class RosLockstepNode(RunNode):
             self._nodes.poll(POLL_S)
 
     def record(self, step: RunStep) -> None:
-        if step.number % self._every == 0:
-            self._standstills += 1
-            self._stand(step.now_ns, self._keys.timeout_s)
+        self._standstills += 1
+        self._stand(step.now_ns, self._keys.timeout_s)
 
     def _stand(self, now_ns: int, timeout_s: float) -> None:
         """Wait until each node has answered, `timeout_s` at most. A missing node counts again after its next answer."""

@@ -1,8 +1,9 @@
-"""`xitl validate`: standard manoeuvres of vessels compared with published figures and closed forms."""
+"""`xitl validate`: standard manoeuvres of vessels, and their surroundings, compared with references."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from xitl_cli.plugins.studies.manoeuvres.validation import ValidatedFigure, VesselValidation
+    from xitl_cli.plugins.studies.manoeuvres.references import Source
+    from xitl_cli.plugins.studies.manoeuvres.validation import ValidatedFigure, Validation
     from xitl_cli.profile import Profile
 
 PAGE = "validation.html"
@@ -29,7 +31,7 @@ def validate(
         list[str] | None,
         typer.Argument(
             metavar="VEHICLE...",
-            help="Names or files of vehicles, or profiles with one (default: all shipped vehicles).",
+            help="Names or files of vehicles, or profiles with one, or `surroundings` (default: all of them).",
             autocompletion=complete_vehicle,
         ),
     ] = None,
@@ -44,14 +46,15 @@ def validate(
 ) -> None:
     """Sail the standard manoeuvres with vessels and compare each figure with its reference.
 
-    Turning circles, zig-zags, spiral, acceleration, crash stop, decays, responses to waves. A figure without a
-    published reference does not count. For each difference, the command states its importance and the key to change.
+    Turning circles, zig-zags, spiral, acceleration, crash stop, decays, responses to waves; and Earth, magnetic field,
+    atmosphere and waves against published tables. A figure without a reference does not count. The summary states the
+    kinds of the references. For each difference, the command states its importance and the key to change.
 
     Exit code: 0 all figures with a reference agree; 1 some differ; 2 an error.
     """
-    from xitl_cli.commands.terminal import progress
     from xitl_cli.logs.report import html
-    from xitl_cli.plugins.studies.manoeuvres.validation_page import validation_page
+    from xitl_cli.plugins.studies.manoeuvres.surroundings import SURROUNDINGS
+    from xitl_cli.plugins.studies.manoeuvres.validation_page import kind_counts, validation_page
     from xitl_cli.profile import load_profile
     from xitl_cli.profile.files.catalogue import shipped_profiles
 
@@ -61,29 +64,33 @@ def validate(
     page = out or (Path(PAGE) if report or open_it else None)
     if page is not None:
         html.refuse_other(page)
-    wanted = wanted or [name for name in shipped_profiles() if name.startswith("vehicles/")]
+    wanted = wanted or [*(name for name in shipped_profiles() if name.startswith("vehicles/")), SURROUNDINGS]
+    surroundings = SURROUNDINGS in wanted
+    wanted = [name for name in wanted if name != SURROUNDINGS]
     loaded = [(name, vessel) for name in wanted for vessel in load_profile(name).one_a_vehicle]
     for name, profile in loaded:
         if profile.vehicle is None:
             raise UserError(f"{name}: has no vehicle; use a file with a group `vehicle`")
-    with progress("loading") as tell:
-        validations = _validate_all([profile for _, profile in loaded], tell)
-        if page is not None:
-            tell("page")
-            html.write_page(validation_page(validations), page)
+    validations = _validate_all([profile for _, profile in loaded], surroundings)
+    if page is not None:
+        html.write_page(validation_page(validations), page)
     with quiet_pipe():
         if as_json:
             import json
 
             vehicles = [
                 {
-                    "vehicle": validation.vehicle,
+                    "vehicle": validation.name,
                     "steered_by": validation.steered_by,
                     "figures": [_figure(figure) for figure in validation.figures],
                 }
                 for validation in validations
+                if validation.name != SURROUNDINGS
             ]
-            print(json.dumps({"vehicles": vehicles}, ensure_ascii=False, allow_nan=False))
+            others = [_figure(figure) for one in validations if one.name == SURROUNDINGS for figure in one.figures]
+            kinds = {str(kind): count for kind, count in kind_counts(validations).items()}
+            answer = {"references": kinds, "vehicles": vehicles, SURROUNDINGS: others}
+            print(json.dumps(answer, ensure_ascii=False, allow_nan=False))
         else:
             _show(validations, page)
     if page is not None and open_it:
@@ -91,21 +98,33 @@ def validate(
     raise typer.Exit(1 if any(validation.differing for validation in validations) else 0)
 
 
-def _validate_all(profiles: Sequence[Profile], tell: Callable[[str], None]) -> list[VesselValidation]:
-    """Validate several vessels in parallel, one per processor. Raises UserError for a vessel that does not float."""
-    if len(profiles) == 1 or (processors := os.cpu_count() or 1) == 1:
-        return [_validate(profile, tell) for profile in profiles]
+def _validate_all(profiles: Sequence[Profile], surroundings: bool) -> list[Validation]:
+    """Validate several vessels in parallel, one per processor, and the surroundings.
+
+    Raises UserError for a vessel that does not float.
+    """
+    from xitl_cli.commands.terminal import progress
+    from xitl_cli.plugins.studies.manoeuvres.validation import validate_surroundings
+
+    further = [validate_surroundings] if surroundings else []
+    if len(profiles) < 2 or (processors := os.cpu_count() or 1) == 1:
+        with progress("loading") as tell:
+            return [*(_validate(profile, tell) for profile in profiles), *(validate() for validate in further)]
     from concurrent.futures import ProcessPoolExecutor, as_completed
     from multiprocessing import get_context
 
-    with ProcessPoolExecutor(min(processors, len(profiles)), get_context("spawn")) as pool:
+    # Forked processes need not load anything. The progress has a thread, so it begins later.
+    method = "fork" if sys.platform == "linux" else "spawn"
+    with ProcessPoolExecutor(min(processors, len(profiles)), get_context(method)) as pool:
         futures = [pool.submit(_validate, profile) for profile in profiles]
-        for number, _ in enumerate(as_completed(futures), 1):
-            tell(f"{number} of {len(profiles)} vessels done")
-        return [future.result() for future in futures]
+        with progress("loading") as tell:
+            validations = [validate() for validate in further]
+            for number, _ in enumerate(as_completed(futures), 1):
+                tell(f"{number} of {len(profiles)} vessels done")
+            return [*(future.result() for future in futures), *validations]
 
 
-def _validate(profile: Profile, tell: Callable[[str], None] = lambda _: None) -> VesselValidation:
+def _validate(profile: Profile, tell: Callable[[str], None] = lambda _: None) -> Validation:
     from xitl_cli.plugins.studies.manoeuvres.validation import validate_vessel
 
     vehicle = profile.vehicle
@@ -134,20 +153,22 @@ def _figure(figure: ValidatedFigure) -> dict[str, Any]:
         "error": figure.error,
         "agrees": figure.agrees,
         "advice": advice(figure) or None,
-        "source": None if reference is None else reference.source,
+        "kind": None if reference is None else str(reference.source.kind),
+        "source": None if reference is None else reference.source.text,
         "disputed": (reference.disputed or None) if reference is not None else None,
     }
 
 
-def _show(validations: Sequence[VesselValidation], page: Path | None) -> None:
+def _show(validations: Sequence[Validation], page: Path | None) -> None:
     from xitl_cli.commands.terminal import say, show_facts, terminal
-    from xitl_cli.plugins.studies.manoeuvres.validation_page import NO_REFERENCE, advice, counts
+    from xitl_cli.plugins.studies.manoeuvres.validation_page import NO_REFERENCE, advice, counts, shares
 
     console = terminal()
     references = (figure.reference for validation in validations for figure in validation.figures)
     sources = list(dict.fromkeys(reference.source for reference in references if reference is not None))
     for validation in validations:
-        say(console, f"{validation.vehicle}, steered by {validation.steered_by}", "bold")
+        steered = f", steered by {validation.steered_by}" if validation.steered_by else ""
+        say(console, f"{validation.name}{steered}", "bold")
         _show_figures(console, validation, sources)
         agree, differ, unknown = counts(validation)
         verdict = f"{agree} agree with their reference, {differ} differ, {unknown} have {NO_REFERENCE}"
@@ -156,13 +177,17 @@ def _show(validations: Sequence[VesselValidation], page: Path | None) -> None:
             show_facts(console, [(f"  {figure.label}", advice(figure), "yellow") for figure in validation.differing])
         console.print()
     say(console, "References", "bold")
-    show_facts(console, [(f"  {number}", source) for number, source in enumerate(sources, 1)])
+    numbered = enumerate(sources, 1)
+    show_facts(console, [(f"  {number}", f"{source.kind}: {source.text}") for number, source in numbered])
+    console.print()
+    say(console, "Comparisons by the kind of their reference", "bold")
+    show_facts(console, [(f"  {label}", share) for label, share in shares(validations)])
     if page is not None:
         console.print()
         say(console, f"page with all plots: {page}")
 
 
-def _show_figures(console: Console, validation: VesselValidation, sources: Sequence[str]) -> None:
+def _show_figures(console: Console, validation: Validation, sources: Sequence[Source]) -> None:
     from rich.text import Text
 
     from xitl_cli.commands.terminal import say
@@ -191,5 +216,7 @@ def _show_figures(console: Console, validation: VesselValidation, sources: Seque
     for figure in validation.figures:
         if figure.reference is not None and figure.reference.disputed:
             say(
-                console, f"{figure.label}: {figure.reference.source} is disputed: {figure.reference.disputed}", "yellow"
+                console,
+                f"{figure.label}: {figure.reference.source.text} is disputed: {figure.reference.disputed}",
+                "yellow",
             )

@@ -26,6 +26,7 @@ from typing import Any, Protocol
 from agent.wire.link import Link
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
+from sim_core.state_class import state_class
 from sim_core.world.contact import Contacts
 from xitl_cli.errors import UserError
 from xitl_cli.graph.measured import Edge
@@ -68,7 +69,7 @@ class WorldView(Protocol):
     def contacts(self) -> Contacts: ...
 
 
-@dataclass(frozen=True, slots=True)
+@state_class
 class RunStep:
     """The world after a physics step. Arrays have a leading vessel axis (N, ...)."""
 

@@ -21,10 +21,14 @@ Idle = Callable[[float], object]
 
 
 class Pace(Protocol):
-    """Pace of a run. The run calls it before every physics step."""
+    """Pace of a run. The run calls it before every physics step, or before several if it does not wait."""
 
     slips: int
     """Number of times that the world paused because this machine stalled."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether each step has its own instant to wait for."""
 
     def running(self) -> AbstractContextManager[None]:
         """Return the context of the run, from before its agents start."""
@@ -56,13 +60,17 @@ class Lockstep:
 
     def __init__(self) -> None:
         self.slips = 0
-        self._cycles = 0
+        self._sim_ns = 0
+
+    @property
+    def waits(self) -> bool:
+        return False
 
     def running(self) -> AbstractContextManager[None]:
         return nullcontext()
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
-        self._cycles += 1
+        self._sim_ns = sim_ns
 
     def sim_of_host(self, host_ns: int) -> int:
         return host_ns
@@ -71,10 +79,13 @@ class Lockstep:
         return sim_ns
 
     def task(self, rate_hz: float) -> TaskTiming:
-        return TaskTiming("PS1", "physics", rate_hz, self._cycles, 0)
+        return TaskTiming("PS1", "physics", rate_hz, self._cycles(rate_hz), 0)
 
     def slope(self, rate_hz: float) -> Slope:
-        return Slope(1.0 / rate_hz, 0.0) if self._cycles > 1 else Slope()
+        return Slope(1.0 / rate_hz, 0.0) if self._cycles(rate_hz) > 1 else Slope()
+
+    def _cycles(self, rate_hz: float) -> int:
+        return round(self._sim_ns * 1e-9 * rate_hz)
 
     def clock(self, step: int, sim_ns: int) -> ClockExchange | None:
         return None
@@ -110,6 +121,10 @@ class OperatedLockstep(Lockstep):
         self._free = factor is None
 
     @property
+    def waits(self) -> bool:
+        return not self._free
+
+    @property
     def paused(self) -> bool:
         """Whether the run is paused, or will be after the current step."""
         return self._pause_ns is not None
@@ -135,7 +150,7 @@ class OperatedLockstep(Lockstep):
         self._free = factor is None and self._pause_ns is None
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
-        self._cycles += 1
+        self._sim_ns = sim_ns
         if self._free:
             return
         while self._pause_ns is not None and sim_ns > self._pause_ns and not self._interrupted():
@@ -193,6 +208,10 @@ class Realtime:
         self._run_max_ns = 0
         self._time_base = TimeBase()
         self._time_base_every = max(round(1.0 / (TIME_BASE_HZ * period_s)), 1)
+
+    @property
+    def waits(self) -> bool:
+        return True
 
     def running(self) -> AbstractContextManager[None]:
         return self._wait.deferred()

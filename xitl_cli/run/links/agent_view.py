@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agent.mavlink.commands import StatusTextReceiver
-from agent.mavlink.exchange import text_of
+from agent.mavlink.exchange import HEADING_DEVIATION, text_of
 from agent.mavlink.modes import mode_name, shown_mode
 from agent.wire import dialect
 from sim_core.frames import Array
@@ -91,6 +91,7 @@ class AgentView:
         self._origin: GeodeticPoint | None = None
         self._origin_ned_m: Array = np.zeros((1, 3))
         self._deviation_ned_m: Array | None = None
+        self._yaw_deviation_rad: float | None = None
         self._attitude: Any = None
         self._unpaired: Any = None  # a position that waits for the next attitude
         self._handlers: dict[int, Callable[[Any], object]] = {
@@ -104,6 +105,7 @@ class AgentView:
             dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator_status,
+            dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named_value,
             dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._node_status,
             dialect.MAVLINK_MSG_ID_XITL_NODE_INFO: self._node_info,
             dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self.task,
@@ -206,6 +208,11 @@ class AgentView:
         axis_m = message.pos_horiz_accuracy / math.sqrt(2.0)
         self._deviation_ned_m = np.array([axis_m, axis_m, message.pos_vert_accuracy])
 
+    def _named_value(self, message: Any) -> None:
+        """Store the standard deviation of the heading, which the embedded autopilot sends."""
+        if text_of(message.name) == HEADING_DEVIATION:
+            self._yaw_deviation_rad = message.value
+
     def _estimated(self, message: Any, attitude: Any) -> None:
         if self._origin is None:
             return
@@ -215,6 +222,7 @@ class AgentView:
             quat_ned_frd=np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4]),
             gyro_frd_radps=np.array([attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed]),
             pos_deviation_ned_m=self._deviation_ned_m,
+            yaw_deviation_rad=self._yaw_deviation_rad,
         )
         self._on_estimate(message.time_boot_ms * 1000, estimate)
 

@@ -15,6 +15,7 @@ from agent.mavlink.missions import FENCE, MISSION, RALLY, MissionUpload, PlanIte
 from agent.mavlink.parameters import ParameterClient
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
+from sim_core.noise import white_deviation
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.parameter_files import read_parameter_file
 from xitl_cli.profile.schema import RunProfile
@@ -55,6 +56,9 @@ def embedded_parameters(profile: RunProfile) -> dict[str, float]:
         gnss = profile.sensors.gnss
         values["EK3_POSNE_M_NSE"] = BY_NAME["EK3_POSNE_M_NSE"].nearest(gnss.horizontal_noise_m)
         values["EK3_GPSDRIFT_TC"] = BY_NAME["EK3_GPSDRIFT_TC"].nearest(gnss.drift_correlation_s)
+        compass = profile.sensors.magnetometer
+        noise_gauss = white_deviation(compass.noise_density_gaussprthz, compass.rate_hz)
+        values["EK3_MAG_M_NSE"] = BY_NAME["EK3_MAG_M_NSE"].nearest(noise_gauss)
     return values | dict(profile.autopilot.parameters)
 
 

@@ -103,7 +103,8 @@ class AutopilotNode(ControlNode):
 
             self._redundancy = Redundancy(self.agents, self.view, standby)
         self.driver = make_driver(self.new_commands(), first)
-        self._check = EstimateCheck(profile.clock.physics_rate_hz)
+        self.sense_every = self._sensing.every
+        self._check = EstimateCheck(profile.clock.physics_rate_hz / self.sense_every)
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
         self._time_is_due = False
         self._use = ActuatorUse()
@@ -301,6 +302,7 @@ class AutopilotNode(ControlNode):
                 "position_rms_m": score.position_rms_m,
                 "position_nees": score.position_nees,
                 "heading_rms_deg": score.heading_rms_deg,
+                "heading_nees": score.heading_nees,
             },
             "stale_exchanges": self._use.report.stale,
             "actuators": self._use.report,

@@ -88,6 +88,7 @@ class FindingsNode(RunNode):
         self._boom = boom
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
         self._every_seen = max(round(physics_rate_hz / SEEN_RATE_HZ), 1)
+        self.sense_every = math.gcd(self._every_truth, self._every_seen)
         self._origin_ned_m = np.zeros(3)
         self._recent: deque[tuple[int, Array, Array]] = deque(maxlen=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
         self._odometry, self._truth = _Poses(), _Poses()

@@ -20,7 +20,7 @@ from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import ActuatorAge, BatteryMessage
 from xitl_cli.record.truth import TruthTable
-from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
+from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep, SimulationClock
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
 from xitl_cli.run.sensors.sensing import make_sensing
@@ -129,6 +129,7 @@ class SensorRecorder(RunNode):
         plant: PlantView | None = None,
     ) -> None:
         self._sensing = make_sensing(profile, seeds, hulls, air, tide_m, plant)
+        self.sense_every = self._sensing.every
         self._packer = Packer(HOST_SYSTEM_ID, HOST_COMPONENT_ID)
 
     def begin(self, context: RunContext) -> None:
@@ -147,10 +148,11 @@ class PaceRecorder(RunNode):
         self._realtime = clock.mode == "realtime"
         self._every_clock = round(self._rate_hz / CLOCK_RATE_HZ)
         self._every_task = round(self._rate_hz / TASK_RATE_HZ)
-        self._now_ns = 0
+        self.record_every = math.gcd(self._every_task, *([self._every_clock] if self._realtime else []))
+        self._clock: SimulationClock | None = None
 
     def begin(self, context: RunContext) -> None:
-        self._recorder, self._pace = context.recorder, context.pace
+        self._recorder, self._pace, self._clock = context.recorder, context.pace, context.clock
 
     def record(self, step: RunStep) -> None:
         number, now_ns = step.number, step.now_ns
@@ -160,11 +162,10 @@ class PaceRecorder(RunNode):
                 self._recorder.write(now_ns, point)
         if number % self._every_task == 0:
             self._record_pace(now_ns)
-        self._now_ns = now_ns
 
     def end(self) -> None:
-        if self._now_ns:
-            self._record_pace(self._now_ns)
+        if self._clock is not None and self._clock.step_ns:
+            self._record_pace(self._clock.step_ns)
 
     def _record_pace(self, now_ns: int) -> None:
         self._recorder.write(now_ns, self._pace.task(self._rate_hz))

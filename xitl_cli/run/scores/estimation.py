@@ -24,7 +24,7 @@ class TruePose(NamedTuple):
 
 
 class TruthHistory:
-    """Pose at every physics step, by its instant. The rest of the motion is not kept, so that its memory is reused."""
+    """Pose at regular instants. The rest of the motion is not kept, so that its memory is reused."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_ns = 1e9 / rate_hz
@@ -34,7 +34,7 @@ class TruthHistory:
         self._newest_ns = 0
 
     def add(self, stamp_ns: int, motion: Kinematics) -> None:
-        """Add the motion after the step that ended at `stamp_ns`."""
+        """Add the motion at `stamp_ns`."""
         self._newest_ns = stamp_ns
         self._poses.append((motion.pos_ned_m, motion.quat_ned_frd))
 
@@ -57,6 +57,7 @@ class EstimationScore:
         self._position = RootMeanSquare()
         self._normalised = RootMeanSquare()
         self._heading = RootMeanSquare()
+        self._normalised_heading = RootMeanSquare()
 
     def add(
         self,
@@ -65,6 +66,7 @@ class EstimationScore:
         pos_ned_m: NDArray[np.float64],
         quat_ned_frd: NDArray[np.float64],
         pos_deviation_ned_m: NDArray[np.float64] | None = None,
+        yaw_deviation_rad: float | None = None,
     ) -> None:
         """Add an estimate and the truth of the same instant; positions (3,), quaternions (4,)."""
         north, east = (pos_ned_m - true_pos_ned_m)[:2].tolist()
@@ -74,6 +76,8 @@ class EstimationScore:
             self._normalised.add(north * north + east * east)
         error = math.remainder(_yaw_rad(quat_ned_frd) - _yaw_rad(true_quat_ned_frd), math.tau)
         self._heading.add(math.degrees(error) ** 2)
+        if yaw_deviation_rad:
+            self._normalised_heading.add((error / yaw_deviation_rad) ** 2)
 
     @property
     def position_rms_m(self) -> float | None:
@@ -94,6 +98,12 @@ class EstimationScore:
         """Root mean square of the heading error; None without an estimate."""
         return self._heading.value()
 
+    @property
+    def heading_nees(self) -> float | None:
+        """Mean of the squared heading error over its variance: 1 if it is consistent, None without a variance."""
+        rms = self._normalised_heading.value()
+        return None if rms is None else rms * rms
+
 
 def _yaw_rad(quat: NDArray[np.float64]) -> float:
     w, x, y, z = quat.tolist()
@@ -103,16 +113,16 @@ def _yaw_rad(quat: NDArray[np.float64]) -> float:
 class EstimateCheck:
     """Compares estimates with the truth.
 
-    score: of the estimates while armed. position_error_m: of the newest estimate.
+    rate_hz: of the truth. score: of the estimates while armed. position_error_m: of the newest estimate.
     """
 
-    def __init__(self, physics_rate_hz: float) -> None:
-        self._history = TruthHistory(physics_rate_hz)
+    def __init__(self, rate_hz: float) -> None:
+        self._history = TruthHistory(rate_hz)
         self.score = EstimationScore()
         self.position_error_m: float | None = None
 
     def add_truth(self, sim_ns: int, motion: Kinematics) -> None:
-        """Add the truth after every physics step."""
+        """Add the truth. Call this `rate_hz` times a second."""
         self._history.add(sim_ns, motion)
 
     def add_estimate(self, stamp_ns: int | None, estimate: MotionEstimate, armed: bool) -> None:
@@ -129,4 +139,5 @@ class EstimateCheck:
                 estimate.pos_ned_m,
                 estimate.quat_ned_frd,
                 estimate.pos_deviation_ned_m,
+                estimate.yaw_deviation_rad,
             )

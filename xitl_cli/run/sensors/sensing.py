@@ -40,7 +40,7 @@ if TYPE_CHECKING:  # sensors that few profiles have
 
 
 class SensorSuite:
-    """All sensors of the profile and their faults. Call `due` after each physics step; steps count from 1.
+    """All sensors of the profile and their faults. Call `due` after every `every` physics steps; steps count from 1.
 
     `further`: channels that are sent after the usual four of the same step. plant: the vessel in a fleet, whose sensors
     are measured together with those of the same model on other vessels; None for a vessel alone.
@@ -85,7 +85,9 @@ class SensorSuite:
             else:
                 self._sensors[name] = SensorChannel(model, rng, physics_rate_hz, encode, faults_of)
         self._channels: list[Channel] = [*self._sensors.values(), *further]
-        self._every = math.gcd(*(channel.every for channel in self._channels))
+        dt_ns = round(1e9 / physics_rate_hz)
+        delays = [-(-channel.latency_ns // dt_ns) for channel in self._channels]
+        self.every = math.gcd(*(channel.every for channel in self._channels), *delays)
         self.feels_wind = any(isinstance(channel, VaneChannel) for channel in further)
         self._waiting: list[tuple[int, int, Message]] = []
         self._order = 0
@@ -95,8 +97,6 @@ class SensorSuite:
 
         air_ned_mps: the wind (1, 3), for sensors that measure it.
         """
-        if step % self._every and not self._waiting:
-            return []
         ready: list[Message] = []
         for channel in self._channels:
             if step % channel.every == 0:

@@ -57,10 +57,11 @@ class Plant:
         assert isinstance(self.simulation, Fleet)
         return self.simulation
 
-    def advance(self, commands: Sequence[Any]) -> SimulationState | FleetState:
+    def advance(self, commands: Sequence[Any], max_steps: int = 1) -> SimulationState | FleetState:
         """Advance one physics step with motor commands (C,) from -1 to 1 by vessel.
 
-        An unchanged list must be the same object.
+        An unchanged list must be the same object. max_steps: number of steps to take at once, which end early when a
+        vessel comes near something that it can touch, or is held.
         """
         simulation, before = self.simulation, self.state
         if commands is not self._commands:
@@ -69,15 +70,15 @@ class Plant:
         frozen = [vessel for vessel in self.vessels if vessel.held]
         for vessel in frozen:
             vessel.held_steps += 1
-        if frozen and isinstance(before, SimulationState):
-            assert isinstance(simulation, Simulation)
+        if frozen and isinstance(simulation, Simulation):
+            assert isinstance(before, SimulationState)
             self.state = simulations.hold(simulation, before, self._rng)
             return self.state
-        after = self._step(simulation, before, self._motors, self._rng)
-        if frozen and isinstance(before, FleetState):
-            assert isinstance(simulation, Fleet)
-            after = fleets.held(simulation, after, before, [vessel.number for vessel in frozen])
-        self.state = after
+        self.state = self._step(simulation, before, self._motors, self._rng, 1 if frozen else max_steps)
+        if frozen and isinstance(simulation, Fleet):
+            assert isinstance(before, FleetState)
+            assert isinstance(self.state, FleetState)
+            self.state = fleets.held(simulation, self.state, before, [vessel.number for vessel in frozen])
         return self.state
 
     def touching(self) -> Collection[int]:

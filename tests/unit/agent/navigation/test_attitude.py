@@ -13,7 +13,7 @@ from agent.navigation.inertial import InertialState
 def tilt_rate_radps(north_rad: float, east_rad: float) -> tuple[float, ...]:
     """The correcting rate for one tilt error of a level vessel that points north, with a gain of 0.1 per second."""
     level = InertialState(0, 1.0, 0.0, 0.0, 0.0, *[0.0] * (len(InertialState._fields) - 5))
-    correction = AttitudeCorrection(0.1, 0.1)
+    correction = AttitudeCorrection(0.1)
     correction.settle(0.0)
     correction.tilt(level, north_rad, east_rad, 0.01)
     return correction.rate_offset_frd_radps

@@ -146,8 +146,8 @@ def test_the_time_base_of_the_steps(steps: Steps) -> None:
     assert slope.mean_s == pytest.approx(PERIOD_S, rel=1e-9)
     assert slope.deviation_s == pytest.approx(0.0, abs=1e-12)
     lockstep = Lockstep()
-    for number in range(3):
-        lockstep.wait_until(number, steps.wall.idle)
+    for number in range(1, 4):
+        lockstep.wait_until(number * PERIOD, steps.wall.idle)
     assert (lockstep.slope(400.0).mean_s, lockstep.slips) == (PERIOD_S, 0)
 
 

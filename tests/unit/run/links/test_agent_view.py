@@ -43,6 +43,19 @@ def test_a_position_makes_an_estimate_with_an_attitude_that_is_not_too_old(
     assert estimates == ([1_000_000] if told else [])
 
 
+def test_the_deviation_of_the_heading_goes_with_the_estimate() -> None:
+    estimates: list[MotionEstimate] = []
+    view = AgentView(LocalFrame(-8.8, -63.95, 70.0), lambda *_: None, lambda _, estimate: estimates.append(estimate))
+    packer = Packer(1, 1)
+    view.handle(dialect.MAVLink_gps_global_origin_message(-88000000, -639500000, 70000))
+    for values in ({}, {b"other": 0.5}, {b"yaw_std": 0.25}):
+        for name, value in values.items():
+            view.handle(decode(packer.pack(dialect.MAVLink_named_value_float_message(900, name, value))))
+        view.handle(dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        view.handle(dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0))
+    assert [estimate.yaw_deviation_rad for estimate in estimates] == [None, None, 0.25]
+
+
 @pytest.mark.parametrize(("next_ms", "told"), [(1040, True), (1050, True), (1051, False)])
 def test_a_position_without_an_attitude_before_it_takes_the_next(next_ms: int, told: bool) -> None:
     """PX4's streams come each at its own instants: two of 10 Hz may lie 100 ms apart."""

@@ -53,3 +53,6 @@ def test_estimation_error_wraps_the_heading() -> None:
     score.add(np.zeros(3), yaw(179.0), np.array([3.0, 4.0, 9.0]), yaw(-179.0))
     assert score.position_rms_m == pytest.approx(5.0)
     assert score.heading_rms_deg == pytest.approx(2.0)
+    assert score.heading_nees is None
+    score.add(np.zeros(3), yaw(179.0), np.zeros(3), yaw(-179.0), None, math.radians(4.0))
+    assert score.heading_nees == pytest.approx(0.25)

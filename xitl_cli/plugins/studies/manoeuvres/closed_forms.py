@@ -3,22 +3,31 @@
 Afloat: Archimedes and the second moments of the waterline. Small motions: an eigenvalue problem of mass, damping and
 that stiffness. Straight course: the balance of thrust and drag, and the equation of surge alone. Long-crested waves:
 strip theory of relative motion with the wave's pressure at the surface (waves long relative to the draft).
+
+The vessel's data is the only import from `sim_core`. Constants, mass matrices and thrust are implemented again.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy import float64
+from numpy.typing import NDArray
 
-from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.frames import Array
-from sim_core.vessel.derivatives import parse_derivative
-from sim_core.vessel.hydrodynamics import has_stern_force, hoerner_coefficient
-from sim_core.vessel.spec import DemiHull, Propeller, VesselSpec
-from sim_core.vessel.windage import AIR_DENSITY_KGPM3
+from sim_core.environment.spec import Water
+from sim_core.vessel.spec import CrossFlowDrag, DemiHull, Propeller, VesselSpec
+from xitl_cli.plugins.studies.manoeuvres.published import HOERNER
+
+Array = NDArray[float64]
+GRAVITY_MPS2 = 9.80665
+"""Standard gravity (ISO 80000-3)."""
+AIR_DENSITY_KGPM3 = 1.2
+"""Dry air at 20 degrees and sea level, rounded (Fossen 2021, section 10.1)."""
 
 _PLACES = 400
 _HEIGHTS = 400
@@ -58,14 +67,14 @@ def waterline(model: VesselSpec, water: Water) -> Waterline | None:
         return np.array([volume - wanted, lever])
 
     at = np.array([0.3 * model.demi_hulls[0].height_m - model.keel_m, 0.0])
-    step = 1e-5
+    step, most = 1e-5, 0.05 * max(model.demi_hulls[0].height_m, 1.0)
     for _ in range(60):
         here = balance(*at)
         if abs(here[0]) < 1e-9 * wanted and abs(here[1]) < 1e-9 * wanted * model.length_m:
             break
         slope = np.column_stack([(balance(*(at + d)) - balance(*(at - d))) / (2 * step) for d in step * np.eye(2)])
         change = np.linalg.lstsq(slope, -here, rcond=None)[0]
-        at = at + change * min(1.0, 0.05 / max(float(np.abs(change).max()), 1e-12))
+        at = at + change * min(1.0, most / max(float(np.abs(change).max()), 1e-12))
     else:
         raise ValueError("finds no rest")
     depth_m, trim_rad = float(at[0]), float(at[1])
@@ -142,6 +151,90 @@ class _Lines:
         )
 
 
+class Term(NamedTuple):
+    """A hydrodynamic derivative: a multiple of an acceleration, or of a product of velocities."""
+
+    component: int
+    """0 to 5 for X, Y, Z, K, M, N."""
+    acceleration: int | None
+    factors: tuple[tuple[int, bool], ...]
+    """Each velocity, 0 to 5, and whether its magnitude counts."""
+    value: float
+
+
+_SAME_WAY = {"X": "u", "Y": "vpr", "Z": "wq", "K": "vpr", "M": "wq", "N": "vpr"}
+"""Velocities whose plain products of two would push to the same side for both directions of motion."""
+
+
+def terms_of(model: VesselSpec) -> list[Term]:
+    """Return the derivatives of a vessel by their SNAME names: docs/vessel.md."""
+    terms = []
+    for name, value in model.derivatives.items():
+        component, product = name.split("_", 1)
+        if product.endswith("dot"):
+            terms.append(Term("XYZKMN".index(component), "uvwpqr".index(product[0]), (), value))
+            continue
+        letters = re.findall(r"\|?[uvwpqr]\|?", product)
+        if len(letters) == 2 and "|" not in product and set(product) <= set(_SAME_WAY[component]):
+            letters[0] = f"|{letters[0]}|"
+        factors = tuple(("uvwpqr".index(letter.strip("|")), "|" in letter) for letter in letters)
+        terms.append(Term("XYZKMN".index(component), None, factors, value))
+    return terms
+
+
+def _cross(place: Array) -> Array:
+    x, y, z = place
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _at_origin(linear: Array, angular: Array, place_frd_m: Array) -> Array:
+    """Return (6, 6) about the origin of (3, 3) linear and angular parts at a place (Fossen 2021, eq 3.49)."""
+    arm = _cross(place_frd_m)
+    return np.block([[linear, -linear @ arm], [arm @ linear, angular - arm @ linear @ arm]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matrices:
+    """Mass, added mass and linear damping of a vessel about its origin, (6, 6) each."""
+
+    mass: Array
+    """With added mass."""
+    added_mass: Array
+    damping: Array
+
+    @classmethod
+    def from_spec(cls, model: VesselSpec, draft_m: float) -> Matrices:
+        """Compute the matrices from the vessel's data. draft_m: draft of the keel at rest, amidships."""
+        ixy, ixz, iyz = model.inertia_products_kgm2
+        ixx, iyy, izz = model.inertia_kgm2
+        inertia = np.array([[ixx, -ixy, -ixz], [-ixy, iyy, -iyz], [-ixz, -iyz, izz]])
+        rigid = _at_origin(model.mass_kg * np.eye(3), inertia, np.array(model.centre_of_gravity_frd_m))
+        centre = lateral_centre(model, draft_m)
+        added, damping = (
+            _at_origin(np.diag(axes[:3]), np.diag(axes[3:]), centre) if matrix is None else np.array(matrix)
+            for axes, matrix in (
+                (astuple(model.added_mass), model.added_mass_matrix),
+                (astuple(model.damping_linear), model.damping_linear_matrix),
+            )
+        )
+        for term in terms_of(model):
+            if term.acceleration is not None:
+                added[term.component, term.acceleration] -= term.value
+            elif len(term.factors) == 1 and not term.factors[0][1]:
+                damping[term.component, term.factors[0][0]] -= term.value
+        return cls(rigid + added, added, damping)
+
+
+def lateral_centre(model: VesselSpec, draft_m: float) -> Array:
+    """Return the (3,) place at which the per-axis values act: as given, or amidships at half the draft."""
+    if model.centre_of_lateral_resistance_frd_m is not None:
+        return np.array(model.centre_of_lateral_resistance_frd_m)
+    bows = [hull.keel_frd_m[0] + 0.5 * hull.length_m for hull in model.demi_hulls]
+    sterns = [hull.keel_frd_m[0] - 0.5 * hull.length_m for hull in model.demi_hulls]
+    keel_m = max(hull.keel_frd_m[2] for hull in model.demi_hulls)
+    return np.array([0.5 * (max(bows) + min(sterns)), 0.0, keel_m - 0.5 * draft_m])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearSeakeeping:
     """Mass, damping and stiffness (6, 6) of small motions about rest. Waves act on added mass and damping too."""
@@ -169,6 +262,16 @@ class LinearSeakeeping:
         deflection: Array = (np.exp(np.outer(time_s, roots)) @ parts).real
         return deflection
 
+    @property
+    def periods_s(self) -> Array:
+        """Return the (3,) undamped natural periods of heave, roll and pitch, each of the mode that this axis leads."""
+        axes = slice(2, 5)
+        squares, shapes = np.linalg.eig(np.linalg.solve(self.mass[axes, axes], self.stiffness[axes, axes]))
+        scaled = np.abs(shapes) * np.sqrt(np.diag(self.mass)[axes])[:, None]
+        led = [int(np.argmax(scaled[axis] / np.linalg.norm(scaled, axis=0))) for axis in range(3)]
+        periods: Array = 2.0 * math.pi / np.sqrt(squares.real[led])
+        return periods
+
 
 def surge_drag_n(model: VesselSpec, speed_mps: float) -> float:
     """Return the drag of water and still air, straight ahead and level."""
@@ -187,16 +290,25 @@ def surge_mass_kg(model: VesselSpec) -> float:
     return model.mass_kg + added + (model.added_mass_matrix[0][0] if model.added_mass_matrix is not None else 0.0)
 
 
+def _full_thrust_n(propeller: Propeller, water: Water) -> tuple[float, float]:
+    """Return the thrust at rest at full speed, ahead and astern: as given, or rho K_T n^2 D^4."""
+    if (curve := propeller.open_water) is None:
+        return propeller.max_thrust_n or 0.0, propeller.max_reverse_thrust_n or 0.0
+    ahead = water.density_kgpm3 * curve.curve[1][0] * curve.max_speed_rps**2 * curve.diameter_m**4
+    return ahead, ahead * curve.reverse_share
+
+
 def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: float) -> float:
     """Return the thrust along the propeller's axis, at a fraction of full speed and an axial speed: docs/vessel.md."""
-    ahead, astern = propeller.static_thrust_n(water.density_kgpm3)
+    ahead, astern = _full_thrust_n(propeller, water)
     advance = speed_mps * (1.0 - propeller.wake_fraction)
     rest = (ahead if turning >= 0 else astern) * turning * abs(turning)
     thrust = rest
     if (curve := propeller.open_water) is not None:
         shaft = turning * curve.max_speed_rps
         ratio = advance / (shaft * curve.diameter_m) if shaft else 0.0
-        share = float(np.interp(ratio, curve.advance_ratio, curve.thrust_coefficient)) / curve.thrust_coefficient[0]
+        ratios, coefficients = curve.curve
+        share = float(np.interp(ratio, ratios, coefficients)) / coefficients[0]
         thrust = rest * share
     elif propeller.medium == "water" and propeller.zero_thrust_speed_mps is not None and turning:
         onward = max(math.copysign(1.0, turning) * advance, 0.0)  # against the thrust: K_T of rest
@@ -204,12 +316,10 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
     elif propeller.medium == "air" and propeller.diameter_m is not None and rest > 0:
         disc = 2.0 * AIR_DENSITY_KGPM3 * math.pi * propeller.diameter_m**2 / 4.0
         power = rest**1.5 / math.sqrt(disc)
-        low, high = 0.0, 3.0 * rest
-        for _ in range(60):  # thrust times the speed through the disc is the power of rest
-            middle = 0.5 * (low + high)
-            through = 0.5 * advance + math.sqrt(0.25 * advance**2 + middle / disc)
-            low, high = (middle, high) if middle * through < power else (low, middle)
-        thrust = 0.5 * (low + high)
+        for _ in range(8):  # thrust times the speed through the disc is the power of rest: Newton's method
+            added = math.sqrt(0.25 * advance**2 + thrust / disc)
+            through = 0.5 * advance + added
+            thrust -= (thrust * through - power) / (through + 0.5 * thrust / (disc * added))
     return thrust * (1.0 - propeller.thrust_deduction)
 
 
@@ -225,7 +335,7 @@ def steady_speed_mps(model: VesselSpec, water: Water, turning: Array) -> float:
     return 0.5 * (low + high)
 
 
-def _thrust_n(model: VesselSpec, water: Water, turning: Array, speed_mps: float) -> float:
+def _thrust_n(model: VesselSpec, water: Water, turning: Sequence[float] | Array, speed_mps: float) -> float:
     total = 0.0
     for propeller, fraction in zip(model.propellers, turning, strict=True):
         if abs(ahead := math.cos(math.radians(propeller.angle_deg))) > 0.5:
@@ -236,30 +346,35 @@ def _thrust_n(model: VesselSpec, water: Water, turning: Array, speed_mps: float)
 def surge_run(
     model: VesselSpec, water: Water, turning: Array, wanted: Array, speed_mps: float, until: Callable[[float], bool]
 ) -> tuple[float, float]:
-    """Return time and distance of surge alone from one speed to another; (P,) propellers go from `turning` to `wanted`.
+    """Return time and distance of surge alone until a speed; (P,) propellers go from `turning` to `wanted`.
 
-    The method is Runge and Kutta's classical step of 10 ms; at most ten minutes.
+    The method is Runge and Kutta's classical step of 50 ms, the last one shortened by bisection; at most ten minutes.
     """
-    mass = surge_mass_kg(model)
-    up = np.array([propeller.spin_up_s for propeller in model.propellers])
-    down = np.array([propeller.spin_down_s for propeller in model.propellers])
+    mass, goal = surge_mass_kg(model), wanted.tolist()
 
-    def rates(state: Array) -> Array:
-        speed, shafts = float(state[0]), state[2:]
-        lag = np.where(np.abs(wanted) > np.abs(shafts), up, down)
-        force = _thrust_n(model, water, shafts, speed) - surge_drag_n(model, speed)
-        return np.concatenate([[force / mass, speed], (wanted - shafts) / lag])
+    def rate(speed: float, shafts: _Shafts) -> float:
+        return (_thrust_n(model, water, shafts.fractions, speed) - surge_drag_n(model, speed)) / mass
 
-    state, dt = np.concatenate([[speed_mps, 0.0], turning]), 0.01
-    for sample in range(60_000):
-        if until(float(state[0])):
-            return sample * dt, float(state[1])
-        one = rates(state)
-        two = rates(state + 0.5 * dt * one)
-        three = rates(state + 0.5 * dt * two)
-        four = rates(state + dt * three)
-        state = state + dt / 6.0 * (one + 2.0 * two + 2.0 * three + four)
-    return math.nan, math.nan
+    def step(speed: float, way: float, shafts: _Shafts, dt: float) -> tuple[float, float, _Shafts]:
+        middle, later = shafts.after(goal, (), 0.5 * dt), shafts.after(goal, (), dt)
+        one = rate(speed, shafts)
+        two = rate(speed + 0.5 * dt * one, middle)
+        three = rate(speed + 0.5 * dt * two, middle)
+        four = rate(speed + dt * three, later)
+        way += dt * speed + dt * dt / 6.0 * (one + two + three)
+        return speed + dt / 6.0 * (one + 2.0 * two + 2.0 * three + four), way, later
+
+    state, dt = (speed_mps, 0.0, _Shafts(model, turning.tolist(), ())), 0.05
+    for sample in range(0 if until(speed_mps) else 12_000):
+        ahead = step(*state, dt)
+        if until(ahead[0]):
+            low, high = 0.0, dt
+            for _ in range(30):
+                half = 0.5 * (low + high)
+                low, high = (low, half) if until(step(*state, half)[0]) else (half, high)
+            return sample * dt + high, step(*state, high)[1]
+        state = ahead
+    return (0.0, 0.0) if until(speed_mps) else (math.nan, math.nan)
 
 
 def wave_theory(
@@ -359,59 +474,63 @@ class HorizontalRun:
 class HorizontalMotion:
     """M nu' + C(nu) nu + D(nu) nu = tau in surge, sway and yaw (Fossen 2021, section 6.5), of a vessel without rudders.
 
-    Mass and linear damping are given. This class contains the quadratic and product terms.
+    All quantities are plain numbers, because arrays of three cost more than their arithmetic.
     """
 
-    def __init__(self, model: VesselSpec, water: Water, small: LinearSeakeeping) -> None:
+    def __init__(self, model: VesselSpec, water: Water, matrices: Matrices) -> None:
         self._model, self._water = model, water
         plane = np.ix_((0, 1, 5), (0, 1, 5))
-        self._mass, self._damping = 0.5 * (small.mass + small.mass.T)[plane], small.damping[plane]
-        self._inverse = np.linalg.inv(small.mass[plane])
-        self._shed = small.added_mass[1, 1] / model.length_m if has_stern_force(model) else 0.0
-        named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
+        mass = matrices.mass[plane]
+        self._mass, self._damping = (0.5 * (mass + mass.T)).tolist(), matrices.damping[plane].tolist()
+        self._inverse = np.linalg.inv(mass).tolist()
+        self._length_m = model.length_m
+        self._shed = matrices.added_mass[1, 1] / model.length_m if _sheds(model) else 0.0
         self._products = [
-            (one, value)
-            for one, value in named
-            if one.acceleration is None and len(one.factors) > 1 and one.component in (0, 1, 5)
+            term
+            for term in terms_of(model)
+            if term.acceleration is None and len(term.factors) > 1 and term.component in (0, 1, 5)
         ]
-        given = model.centre_of_lateral_resistance_frd_m
-        self._middle_m = model.midship_frd_x_m if given is None else given[0]
+        self._middle_m = float(lateral_centre(model, 0.0)[0])
+        self._strips = None if (cross := model.cross_flow_drag) is None else _strips_across(cross, water)
         self._gears = [number for number, one in enumerate(model.propellers) if one.steering is not None]
 
-    def force(self, velocity: Array, fractions: Array, gears_rad: Array) -> Array:
-        """Return (3,) X, Y, N for (3,) u, v, r, (P,) speeds of propellers and (G,) angles of their gears."""
-        u, v, r = velocity.tolist()
+    def force(
+        self, velocity: tuple[float, float, float], fractions: Sequence[float], gears_rad: Sequence[float]
+    ) -> Plane:
+        """Return X, Y, N for u, v, r, the P speeds of propellers and the G angles of their gears."""
+        u, v, r = velocity
         model, mass, middle = self._model, self._mass, self._middle_m
-        across = mass[1, 1] * v + mass[1, 2] * r
-        x, y, n = (-self._damping @ velocity).tolist()
+        across = mass[1][1] * v + mass[1][2] * r
+        x, y, n = (-(row[0] * u + row[1] * v + row[2] * r) for row in self._damping)
         x += across * r
-        y -= mass[0, 0] * u * r
-        n += mass[0, 0] * u * v - across * u
+        y -= mass[0][0] * u * r
+        n += mass[0][0] * u * v - across * u
         quadratic = model.damping_quadratic
         beside = v + middle * r
-        stern = middle - math.copysign(0.5 * model.length_m, u)
+        stern = middle - math.copysign(0.5 * self._length_m, u)
         sideways, shed = -quadratic.sway * abs(beside) * beside, -abs(u) * self._shed * (v + stern * r)
         x -= quadratic.surge * abs(u) * u
         y += sideways + shed
         n += middle * sideways + stern * shed - quadratic.yaw * abs(r) * r
         nu = (u, v, 0.0, 0.0, 0.0, r)
         more = [0.0] * 6
-        for one, value in self._products:
-            more[one.component] += value * math.prod(abs(nu[index]) if bar else nu[index] for index, bar in one.factors)
-        if (cross := model.cross_flow_drag) is not None:
-            coefficient = cross.coefficient or hoerner_coefficient(cross.width_m or 1.0, cross.draft_m)
-            step = cross.length_m / cross.strips
-            places = middle + step * (np.arange(cross.strips) - 0.5 * (cross.strips - 1))
-            flow = v + places * r
-            drag = -0.5 * self._water.density_kgpm3 * coefficient * cross.draft_m * step * np.abs(flow) * flow
+        for term in self._products:
+            product = term.value
+            for index, bar in term.factors:
+                product *= abs(nu[index]) if bar else nu[index]
+            more[term.component] += product
+        if self._strips is not None:
+            places, per_flow2 = self._strips
+            flow = v + (middle + places) * r
+            drag = per_flow2 * np.abs(flow) * flow
             more[1] += float(drag.sum())
-            more[5] += float(places @ drag)
+            more[5] += float((middle + places) @ drag)
         wind, air = model.wind, 0.5 * AIR_DENSITY_KGPM3 * math.hypot(u, v)
         x -= air * wind.surge_coefficient * wind.frontal_area_m2 * u
         y -= air * wind.sway_coefficient * wind.lateral_area_m2 * v
         n -= AIR_DENSITY_KGPM3 * wind.yaw_coefficient * wind.lateral_area_m2 * wind.length_m * u * v
-        turned = dict(zip(self._gears, gears_rad.tolist(), strict=True))
-        for number, (propeller, fraction) in enumerate(zip(model.propellers, fractions.tolist(), strict=True)):
+        turned = dict(zip(self._gears, gears_rad, strict=True))
+        for number, (propeller, fraction) in enumerate(zip(model.propellers, fractions, strict=True)):
             if not fraction:
                 continue
             place_x, place_y, _ = propeller.position_frd_m
@@ -422,25 +541,26 @@ class HorizontalMotion:
             x += cosine * push
             y += sine * push
             n += (place_x * sine - place_y * cosine) * push
-        return np.array([x + more[0], y + more[1], n + more[5]])
+        return x + more[0], y + more[1], n + more[5]
 
-    def wanted(self, command: Array) -> tuple[Array, Array]:
-        """Return (P,) speeds of the propellers and (G,) angles of their gears for a command."""
+    def wanted(self, command: Array) -> tuple[list[float], list[float]]:
+        """Return the P speeds of the propellers and the G angles of their gears for a command."""
         propellers = len(self._model.propellers)
         most = np.radians([one.steering.max_angle_deg for one in self._model.propellers if one.steering is not None])
-        return command[:propellers], command[propellers:] * most
+        return command[:propellers].tolist(), (command[propellers:] * most).tolist()
 
-    def steady(self, command: Array, guess: tuple[float, float, float]) -> tuple[float, float, float] | None:
+    def steady(self, command: Array, guess: Plane) -> Plane | None:
         """Return surge, sway and rate of turn under a held command, by Newton's method; None without convergence."""
         fractions, gears = self.wanted(command)
+
+        def force(velocity: Array) -> Array:
+            u, v, r = velocity.tolist()
+            return np.array(self.force((u, v, r), fractions, gears))
+
         at = np.array(guess)
         for _ in range(50):
-            here = self.force(at, fractions, gears)
-            steps = 1e-6 * np.eye(3)
-            slope = [
-                (self.force(at + d, fractions, gears) - self.force(at - d, fractions, gears)) / 2e-6 for d in steps
-            ]
-            step = np.linalg.lstsq(np.column_stack(slope), -here, rcond=None)[0]
+            slope = [(force(at + d) - force(at - d)) / 2e-6 for d in 1e-6 * np.eye(3)]
+            step = np.linalg.lstsq(np.column_stack(slope), -force(at), rcond=None)[0]
             at = at + step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-12))
             if np.abs(step).max() < 1e-10:
                 return float(at[0]), float(at[1]), float(at[2])
@@ -458,39 +578,106 @@ class HorizontalMotion:
     ) -> HorizontalRun:
         """Simulate from a straight approach under the command `before`, by Runge and Kutta's classical step.
 
-        order: returns the steering in degrees for the time and the turned degrees. command: returns the command of the
+        order: returns the steering in degrees for the time and the turned degrees. It is asked `_LOOKS` times in a
+        step. A step ends in the middle between the two looks at which it differs. command: returns the command of the
         steering. over: ends the run.
         """
-        fractions, gears = self.wanted(before)
-        up = np.array([propeller.spin_up_s for propeller in self._model.propellers])
-        down = np.array([propeller.spin_down_s for propeller in self._model.propellers])
-        most = [one.steering.rate_degps for one in self._model.propellers if one.steering is not None]
-        most_rad = np.radians(most) * dt_s
-        state = np.array([speed_mps, 0.0, 0.0, 0.0, 0.0, 0.0])
-        kept, ordered = [state], []
-        for sample in range(round(longest_s / dt_s)):
-            angle = order(sample * dt_s, math.degrees(float(state[5] + 0.5 * dt_s * state[2])))
-            ordered.append(angle)
-            if over():
-                break
-            wanted, turned = self.wanted(command(angle))
-            lag = np.where(np.abs(wanted) > np.abs(fractions), up, down)
-            later = wanted + (fractions - wanted) * np.exp(-dt_s / lag)
-            gears_later = gears + np.clip(turned - gears, -most_rad, most_rad)
-            middle, gears_middle = 0.5 * (fractions + later), 0.5 * (gears + gears_later)
-            one = self._rates(state, fractions, gears)
-            two = self._rates(state + 0.5 * dt_s * one, middle, gears_middle)
-            three = self._rates(state + 0.5 * dt_s * two, middle, gears_middle)
-            four = self._rates(state + dt_s * three, later, gears_later)
-            state = state + dt_s / 6.0 * (one + 2.0 * two + 2.0 * three + four)
-            fractions, gears = later, gears_later
-            kept.append(state)
-        states, steering = np.array(kept[: len(ordered)]), np.array(ordered)
-        time_s: Array = dt_s * np.arange(len(steering), dtype=np.float64)
-        return HorizontalRun(time_s, states[:, 3], states[:, 4], states[:, 5], states[:, :3], steering)
+        shafts = _Shafts(self._model, *self.wanted(before))
+        state: State = (speed_mps, 0.0, 0.0, 0.0, 0.0, 0.0)
+        time_s, angle = 0.0, order(0.0, 0.0)
+        wanted = self.wanted(command(angle))
+        kept = [(time_s, *state, angle)]
+        while time_s < longest_s and not over():
+            ahead = self._step(state, shafts, wanted, dt_s)
+            step_s, new_angle = dt_s, angle
+            for look in range(1, _LOOKS + 1):
+                share = look / _LOOKS
+                new_angle = order(time_s + share * dt_s, math.degrees(_yaw_within(state, ahead[0], dt_s, share)))
+                if new_angle != angle or over():
+                    step_s = dt_s * (look - 0.5) / _LOOKS
+                    ahead = self._step(state, shafts, wanted, step_s)
+                    break
+            state, shafts = ahead
+            time_s += step_s
+            if new_angle != angle:
+                angle, wanted = new_angle, self.wanted(command(new_angle))
+            kept.append((time_s, *state, angle))
+        columns = np.array(kept).T
+        return HorizontalRun(columns[0], columns[4], columns[5], columns[6], columns[1:4].T, columns[7])
 
-    def _rates(self, state: Array, fractions: Array, gears: Array) -> Array:
-        u, v, r, _, _, yaw = state.tolist()
+    def _step(
+        self, state: State, shafts: _Shafts, wanted: tuple[Sequence[float], Sequence[float]], dt_s: float
+    ) -> tuple[State, _Shafts]:
+        middle, later = shafts.after(*wanted, 0.5 * dt_s), shafts.after(*wanted, dt_s)
+        one = self._rates(state, shafts)
+        two = self._rates(_ahead(state, 0.5 * dt_s, one), middle)
+        three = self._rates(_ahead(state, 0.5 * dt_s, two), middle)
+        four = self._rates(_ahead(state, dt_s, three), later)
+        mean = [(a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(one, two, three, four, strict=True)]
+        return _ahead(state, dt_s, mean), later
+
+    def _rates(self, state: State, shafts: _Shafts) -> State:
+        u, v, r, _, _, yaw = state
         cosine, sine = math.cos(yaw), math.sin(yaw)
-        faster = self._inverse @ self.force(state[:3], fractions, gears)
-        return np.array([*faster, u * cosine - v * sine, u * sine + v * cosine, r])
+        x, y, n = self.force((u, v, r), shafts.fractions, shafts.gears_rad)
+        du, dv, dr = (row[0] * x + row[1] * y + row[2] * n for row in self._inverse)
+        return du, dv, dr, u * cosine - v * sine, u * sine + v * cosine, r
+
+
+Plane = tuple[float, float, float]
+"""Surge, sway and yaw."""
+State = tuple[float, float, float, float, float, float]
+"""u, v, r, north, east and yaw."""
+_LOOKS = 10
+"""Number of times in a step at which the heading is compared with the order of a zig-zag."""
+
+
+def _ahead(state: State, dt_s: float, rates: Sequence[float]) -> State:
+    u, v, r, north, east, yaw = (value + dt_s * rate for value, rate in zip(state, rates, strict=True))
+    return u, v, r, north, east, yaw
+
+
+def _yaw_within(state: State, later: State, dt_s: float, share: float) -> float:
+    """Return the yaw at a share of a step, by the cubic through yaw and rate of turn at both ends."""
+    left, square = 1.0 - share, share * share
+    rise = later[5] - state[5]
+    bend = left * (state[2] * dt_s - rise) - share * (later[2] * dt_s - rise)
+    return state[5] + share * rise + share * left * bend if square < 1.0 else later[5]
+
+
+class _Shafts:
+    """Speeds of P propellers, as fractions of full, and angles of G gears."""
+
+    def __init__(self, model: VesselSpec, fractions: Sequence[float], gears_rad: Sequence[float]) -> None:
+        self.fractions, self.gears_rad, self._model = fractions, gears_rad, model
+
+    def after(self, wanted: Sequence[float], turned_rad: Sequence[float], dt_s: float) -> _Shafts:
+        """Return them after a time under a held command: speeds follow as a first-order lag, gears at their rate."""
+        model = self._model
+        fractions = [
+            want + (now - want) * math.exp(-dt_s / (one.spin_up_s if abs(want) > abs(now) else one.spin_down_s))
+            for one, want, now in zip(model.propellers, wanted, self.fractions, strict=True)
+        ]
+        gears = [one.steering for one in model.propellers if one.steering is not None]
+        angles = [
+            now + min(max(turned - now, -math.radians(gear.rate_degps) * dt_s), math.radians(gear.rate_degps) * dt_s)
+            for now, turned, gear in zip(self.gears_rad, turned_rad, gears, strict=False)
+        ]
+        return _Shafts(model, fractions, angles)
+
+
+def _sheds(model: VesselSpec) -> bool:
+    """Return the key `stern_force`; by default only vessels given per axis have it (docs/vessel.md)."""
+    by_axis = not model.derivatives and model.added_mass_matrix is None and model.damping_linear_matrix is None
+    return by_axis if model.stern_force is None else model.stern_force == "on"
+
+
+def _strips_across(cross: CrossFlowDrag, water: Water) -> tuple[Array, Array]:
+    """Return the (S,) places of the strips from the middle, and the force of each per square of the flow."""
+    coefficient = cross.coefficient
+    if coefficient is None:
+        ratio, drag = np.array(HOERNER).T
+        coefficient = float(np.interp(0.5 * (cross.width_m or 1.0) / cross.draft_m, ratio, drag))
+    step = cross.length_m / cross.strips
+    places: Array = step * (np.arange(cross.strips, dtype=np.float64) - 0.5 * (cross.strips - 1))
+    return places, np.full(cross.strips, -0.5 * water.density_kgpm3 * coefficient * cross.draft_m * step)

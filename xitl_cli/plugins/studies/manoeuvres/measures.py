@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import complex128
+from numpy.typing import NDArray
 
 from sim_core.frames import Array
 
@@ -182,12 +184,12 @@ def _vertex(time_s: Array, values: Array, index: int) -> tuple[float, float]:
     return float(time_s[index]) + off * step, abs(float(here - 0.25 * (before - after) * off))
 
 
-def response(phase_rad: Array, values: Array) -> Array:
-    """Fit (W,) complex amplitudes c of waves with phases (K, W) to a series (K,): mean + Re(sum of c exp(i phase))."""
+def response(phase_rad: Array, values: Array) -> NDArray[complex128]:
+    """Fit (W, S) complex amplitudes c of waves to series (K, S): mean + Re(sum of c exp(i phase)), phases (K, W)."""
     columns = np.hstack([np.cos(phase_rad), -np.sin(phase_rad), np.ones((len(phase_rad), 1))])
-    fit = np.linalg.lstsq(columns, values, rcond=None)[0]
+    fit = np.linalg.solve(columns.T @ columns, columns.T @ values)
     waves = phase_rad.shape[1]
-    complex_amplitude: Array = fit[:waves] + 1j * fit[waves : 2 * waves]
+    complex_amplitude: NDArray[complex128] = fit[:waves] + 1j * fit[waves : 2 * waves]
     return complex_amplitude
 
 

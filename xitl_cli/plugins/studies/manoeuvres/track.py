@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, TypeVar, cast
+from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,12 @@ from sim_core.environment.environment import Environment
 from sim_core.frames import Array, matrix_to_euler
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
+from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.vessel import VesselState
 
 _WINDOW_S, _STEADY_SHARE = 4.0, 5e-4
+_DRIFT_S = 1.0
+"""Period of current, wind and the waves' mean force in a trial, where they are constant or slow."""
 Pilot = Callable[[float, "Instant"], Array]
 """Returns the (N, C) commands for the time since the start and the motion of N vessels."""
 State = TypeVar("State")
@@ -24,32 +27,75 @@ State = TypeVar("State")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
-    """Motion of N vessels."""
+    """Motion of N vessels, for their pilots."""
 
-    pos_ned_m: Array
-    """Positions, (N, 3) NED."""
-    euler_rad: Array
-    """Euler angles, (N, 3)."""
-    velocity_frd: Array
-    """Velocity and rates, (N, 6), body axes."""
+    motion: Kinematics
 
-    @classmethod
-    def from_motion(cls, motion: Kinematics) -> Instant:
-        """Convert a motion. Yaw is in [-pi, pi]."""
-        velocity = (motion.vel_ned_mps[:, None, :] @ motion.rot_ned_frd)[:, 0]
-        return cls(motion.pos_ned_m, matrix_to_euler(motion.rot_ned_frd), np.hstack([velocity, motion.gyro_frd_radps]))
+    @property
+    def yaw_rad(self) -> Array:
+        """Yaw in [-pi, pi], (N,)."""
+        rotation = self.motion.rot_ned_frd
+        yaw: Array = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
+        return yaw
+
+    @property
+    def rate_radps(self) -> Array:
+        """Rate of turn about the body's axis, (N,)."""
+        return self.motion.gyro_frd_radps[:, 2]
+
+    @property
+    def euler_rad(self) -> Array:
+        """Euler angles, (N, 3)."""
+        return matrix_to_euler(self.motion.rot_ned_frd)
+
+    @property
+    def velocity_frd(self) -> Array:
+        """Velocity and rates, (N, 6), body axes."""
+        motion = self.motion
+        ahead = (motion.vel_ned_mps[:, None, :] @ motion.rot_ned_frd)[:, 0]
+        return np.hstack([ahead, motion.gyro_frd_radps])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Motion of N vessels at K instants: arrays (K, N, ...) as in `Instant`. Yaw continues beyond a turn."""
+    """Motion of N vessels at K instants."""
 
     time_s: Array
     """Times, (K,)."""
     pos_ned_m: Array
+    """Positions, (K, N, 3) NED."""
     euler_rad: Array
+    """Euler angles, (K, N, 3). Yaw continues beyond a turn."""
     velocity_frd: Array
+    """Velocity and rates, (K, N, 6), body axes."""
     command: Array
+    """Commands, (K, N, C)."""
+
+    @classmethod
+    def from_samples(cls, samples: Sequence[tuple[float, Kinematics, Array]]) -> Self:
+        """Convert times, motions and commands."""
+        times_s, motions, commands = zip(*samples, strict=True)
+        rotation = np.array([motion.rot_ned_frd for motion in motions])
+        vel_ned_mps = np.array([motion.vel_ned_mps for motion in motions])
+        gyro = np.array([motion.gyro_frd_radps for motion in motions])
+        ahead = (vel_ned_mps[:, :, None, :] @ rotation)[:, :, 0]
+        euler = matrix_to_euler(rotation)
+        euler[:, :, 2] = np.unwrap(euler[:, :, 2], axis=0)
+        return cls(
+            time_s=np.array(times_s),
+            pos_ned_m=np.array([motion.pos_ned_m for motion in motions]),
+            euler_rad=euler,
+            velocity_frd=np.concatenate([ahead, gyro], axis=2),
+            command=np.array(commands),
+        )
+
+    def continued(self, later: Track) -> Track:
+        """Return both tracks as one, with yaw continuous."""
+        pairs = ((getattr(self, field.name), getattr(later, field.name)) for field in fields(self))
+        time_s, pos, euler, velocity, command = (np.concatenate(pair) for pair in pairs)
+        last = len(self.time_s) - 1
+        euler[last:, :, 2] = np.unwrap(euler[last:, :, 2], axis=0)
+        return Track(time_s, pos, euler, velocity, command)
 
     def __getitem__(self, vessel: int) -> Track:
         """Return the track of one vessel, (K, 1, ...)."""
@@ -88,6 +134,12 @@ def start(simulation: Simulation, vessels: int, vessel: VesselState | None = Non
     return state if vessel is None else replace(state, vessel=vessel)
 
 
+def trial(model: VesselSpec, environment: Environment, dt_s: float) -> Simulation:
+    """Return the simulation of a trial. Raises ValueError as `Simulation.from_spec`."""
+    simulation = Simulation.from_spec(model, environment, dt_s)
+    return replace(simulation, drift_ns=max(round(_DRIFT_S / dt_s), 1) * simulation.dt_ns)
+
+
 def sail(
     simulation: Simulation,
     state: SimulationState,
@@ -107,29 +159,21 @@ def sail(
     step_s = steps * simulation.dt_s
     samples = max(round(duration_s / step_s), 1)
     looks = max(round(look_s / step_s), 1)
-    samples_kept: list[tuple[float, Instant, Array]] = []
+    new: list[tuple[float, Kinematics, Array]] = []
+    track: Track | None = None
     for sample in range(samples + 1):
-        time_s = sample * step_s
-        now = Instant.from_motion(state.vessel.motion)
-        command = pilot(time_s, now)
-        samples_kept.append((time_s, now, command))
-        if sample == samples or (until is not None and sample and sample % looks == 0 and until(_track(samples_kept))):
-            break
-        for _ in range(steps):
-            state = world.step(simulation, state, command, rng)
-    return state, _track(samples_kept)
-
-
-def _track(samples: list[tuple[float, Instant, Array]]) -> Track:
-    euler = np.array([now.euler_rad for _, now, _ in samples])
-    euler[:, :, 2] = np.unwrap(euler[:, :, 2], axis=0)
-    return Track(
-        time_s=np.array([time_s for time_s, _, _ in samples]),
-        pos_ned_m=np.array([now.pos_ned_m for _, now, _ in samples]),
-        euler_rad=euler,
-        velocity_frd=np.array([now.velocity_frd for _, now, _ in samples]),
-        command=np.array([command for _, _, command in samples]),
-    )
+        motion = state.vessel.motion
+        command = pilot(sample * step_s, Instant(motion))
+        new.append((sample * step_s, motion, command))
+        if sample == samples or (sample and sample % looks == 0):
+            part = Track.from_samples(new)
+            track = part if track is None else track.continued(part)
+            new.clear()
+            if sample == samples or (until is not None and until(track)):
+                break
+        state = world.step(simulation, state, command, rng, steps)
+    assert track is not None
+    return state, track
 
 
 def steady(track: Track) -> bool:

@@ -16,26 +16,39 @@ from sim_core import simulation as world
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import WaveField
-from sim_core.frames import Array, wrap_pi
-from sim_core.simulation import Simulation, SimulationState
+from sim_core.frames import Array
+from sim_core.simulation import SimulationState
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 from xitl_cli.plugins.studies.manoeuvres import measures
 from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG
 from xitl_cli.plugins.studies.manoeuvres.small_motion import moved
-from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spread, start, steady
+from xitl_cli.plugins.studies.manoeuvres.track import (
+    Instant,
+    Track,
+    sail,
+    spread,
+    start,
+    steady,
+    trial,
+)
 from xitl_cli.plugins.studies.manoeuvres.vessel_check import AtRest
 
 APPROACH_THROTTLE = 0.85 ** (1 / 3)
 """85 % of the power, which is proportional to the cube of the propellers' speed."""
 SPIRAL_DEG = (20.0, 10.0, 5.0, 0.0, -5.0, -10.0, -20.0)
+_ZIG_ZAG_DEG = (10.0, 20.0)
 WAVELENGTHS = (1.2, 1.6, 2.2, 3.0, 4.5, 7.0, 12.0, 20.0)
 """Wavelengths over the vessel's length, all in one sea: the frequencies separate their responses."""
 WAVE_STEEPNESS = 0.002
 """Amplitude times wave number of each wave: small, so that quadratic damping has no effect."""
-_EVERY_S = 0.02
+_EVERY_S = 0.1
+_REVERSED_WITHIN_DEG = 0.4
+"""Change of heading between two samples of a zig-zag at the full rate of turn: its reversals are not more exact."""
+_COURSE_RAD = 1e-6
+"""Deviation from a straight course that is corrected."""
 LONGEST_S = 400.0
-_LENGTHS_A_HOLD = 15.0
+_LENGTHS_A_HOLD, _LENGTHS_A_ZIG_ZAG = 15.0, 60.0
 SWINGS = 8.0
 RELEASES = {2: ("heave", 0.05, "of the draft"), 3: ("roll", 1.0, "deg"), 4: ("pitch", 1.0, "deg")}
 """Initial deflections by axis: small, so that the result is the damping at rest."""
@@ -52,13 +65,13 @@ class SeaTrials:
         self.rest = AtRest(model, water)
         self.model, self.water, self.helm = model, water, self.rest.helm
         self.step_s = step_s or self.rest.step_s
-        self.simulation = Simulation.from_spec(model, self.rest.environment, self.step_s)
+        self.simulation = trial(model, self.rest.environment, self.step_s)
 
     def runs(self, commands: Sequence[Sequence[float]], duration_s: float) -> Track:
         """Run from rest under held commands, one vessel per row."""
         held = np.array(commands, dtype=float)
         state = start(self.simulation, len(held), spread(self.rest.state, [0] * len(held)))
-        return sail(self.simulation, state, lambda _t, _m: held, duration_s, every_s=0.05)[1]
+        return sail(self.simulation, state, lambda _t, _m: held, duration_s, every_s=_EVERY_S)[1]
 
     def sections(self) -> Iterator[Section]:
         """Yield the sections of manoeuvres under way, in the usual order."""
@@ -72,16 +85,19 @@ class SeaTrials:
 
     def _approach(self) -> tuple[SimulationState, Section]:
         throttles = (1.0, APPROACH_THROTTLE)
+        ahead = np.array([self.helm.command(throttle) for throttle in throttles])
 
         def straight(_time_s: float, now: Instant) -> Array:
-            yaw, rate = now.euler_rad[:, 2], now.velocity_frd[:, 5]
+            yaw, rate = now.yaw_rad, now.rate_radps
+            if np.abs(yaw + rate).max() < _COURSE_RAD:
+                return ahead
             return np.array([self.helm.straight(throttles[one], yaw[one], rate[one]) for one in (0, 1)])
 
         at_rest = start(self.simulation, 2, spread(self.rest.state, [0, 0]))
         state, track = sail(self.simulation, at_rest, straight, LONGEST_S, every_s=_EVERY_S, until=steady)
-        ahead = track.velocity_frd[:, :, 0]
-        top, approach = (float(speed) for speed in ahead[-1])
-        to_speed_s = measures.time_to_95_percent(track.time_s, ahead[:, 0], top)
+        speeds = track.velocity_frd[:, :, 0]
+        top, approach = speeds[-1].tolist()
+        to_speed_s = measures.time_to_95_percent(track.time_s, speeds[:, 0], top)
         facts = (
             Fact("top_speed_mps", "top speed", top, "m/s"),
             Fact("time_to_95_percent_s", "time to 95 % of it", to_speed_s, "s"),
@@ -91,31 +107,36 @@ class SeaTrials:
             "acceleration",
             "Speed from rest",
             "m/s",
-            (Trace("full ahead", track.time_s, ahead[:, 0]), Trace("85 % of the power", track.time_s, ahead[:, 1])),
+            (Trace("full ahead", track.time_s, speeds[:, 0]), Trace("85 % of the power", track.time_s, speeds[:, 1])),
             "xy",
             "s",
         )
         return state, Section("acceleration", "Acceleration", facts, plots=(plot,))
 
     def _steered(self, before: SimulationState) -> Iterator[Section]:
-        speed = float(Instant.from_motion(before.vessel.motion).velocity_frd[1, 0])
+        speed = float(Instant(before.vessel.motion).velocity_frd[1, 0])
         hold_s = _LENGTHS_A_HOLD * self.model.length_m / max(speed, 0.05)
-        orders: list[SteeringOrder] = [
-            TurnOrder(FULL_STEERING_DEG),
-            TurnOrder(-FULL_STEERING_DEG),
-            ZigZagOrder(10.0),
-            ZigZagOrder(20.0),
-            SpiralOrder(SPIRAL_DEG, hold_s),
-            SpiralOrder(tuple(reversed(SPIRAL_DEG)), hold_s),
-        ]
-        pilot = _Pilot(orders, self.helm.command)
-        state = start(self.simulation, len(orders), spread(before.vessel, [1] * len(orders)))
         longest = max(LONGEST_S, len(SPIRAL_DEG) * hold_s + 1.0)
-        _, track = sail(self.simulation, state, pilot, longest, every_s=_EVERY_S, until=lambda _track: pilot.done)
-        steering = np.array(pilot.steering_deg)
+        turns: list[SteeringOrder] = [TurnOrder(FULL_STEERING_DEG), TurnOrder(-FULL_STEERING_DEG)]
+        spirals: list[SteeringOrder] = [SpiralOrder(angles, hold_s) for angles in (SPIRAL_DEG, SPIRAL_DEG[::-1])]
+        track, pilot = self._ordered(before, [*turns, *spirals], longest, _EVERY_S)
+        zig_zags: list[SteeringOrder] = [ZigZagOrder(angle) for angle in _ZIG_ZAG_DEG]
+        fastest_degps = math.degrees(float(np.abs(track.velocity_frd[:, :2, 5]).max()))
+        every_s = min(max(_REVERSED_WITHIN_DEG / max(fastest_degps, 1e-3), self.step_s), _EVERY_S)
+        longest = _LENGTHS_A_ZIG_ZAG / _LENGTHS_A_HOLD * hold_s
+        reversed_track, reversing = self._ordered(before, zig_zags, longest, every_s)
         yield self._turning(track, pilot)
-        yield self._zig_zags(track, steering, pilot)
-        yield self._spiral(track, steering, hold_s)
+        yield self._zig_zags(reversed_track, reversing)
+        yield self._spiral(track, np.array(pilot.steering_deg)[:, 2:], hold_s)
+
+    def _ordered(
+        self, before: SimulationState, orders: Sequence[SteeringOrder], longest_s: float, every_s: float
+    ) -> tuple[Track, _Pilot]:
+        """Steer vessels as ordered, from a straight course, until all orders are done."""
+        pilot = _Pilot(orders, self.helm.command, every_s)
+        state = start(self.simulation, len(orders), spread(before.vessel, [1] * len(orders)))
+        _, track = sail(self.simulation, state, pilot, longest_s, every_s=every_s, until=lambda _track: pilot.done)
+        return track, pilot
 
     def _turning(self, track: Track, pilot: _Pilot) -> Section:
         facts, traces = [], []
@@ -130,13 +151,16 @@ class SeaTrials:
                 for key, label, value, unit in turning_figures(found)
             ]
             traces.append(Trace(f"to {side}", east, north))
+        starboard, port = np.array([fact.value for fact in facts], dtype=float).reshape(2, -1)
+        asymmetry = float(np.nanmax(np.abs(np.abs(port) - np.abs(starboard)) / np.abs(starboard)))
+        facts.append(Fact("turn_asymmetry", "largest difference between the sides, as a share", asymmetry, ""))
         plot = Plot("turning", "Turning circles", "north (m)", tuple(traces), "map", "east (m)")
         return Section("turning", "Turning circle at full steering", tuple(facts), plots=(plot,))
 
-    def _zig_zags(self, track: Track, steering: Array, pilot: _Pilot) -> Section:
-        facts: list[Fact] = []
+    def _zig_zags(self, track: Track, pilot: _Pilot) -> Section:
+        steering, facts = np.array(pilot.steering_deg), list[Fact]()
         plots, lacks = [], []
-        for vessel, angle in ((2, 10), (3, 20)):
+        for vessel, angle in enumerate(map(round, _ZIG_ZAG_DEG)):
             end = pilot.finished[vessel] or len(track.time_s)
             time_s, yaw = track.time_s[:end], track.euler_rad[:end, vessel, 2]
             name = f"zig_zag_{angle}"
@@ -153,8 +177,8 @@ class SeaTrials:
 
     def _spiral(self, track: Track, steering: Array, hold_s: float) -> Section:
         inside = track.time_s < len(SPIRAL_DEG) * hold_s
-        time_s, rate = track.time_s[inside], track.velocity_frd[inside, :, 5]
-        curves = [np.array(measures.spiral(time_s, rate[:, one], steering[inside, one])) for one in (4, 5)]
+        time_s, rate = track.time_s[inside], track.velocity_frd[inside, 2:, 5]
+        curves = [np.array(measures.spiral(time_s, rate[:, one], steering[inside, one])) for one in (0, 1)]
         down, up = (curve[np.argsort(curve[:, 0])] for curve in curves)
         loop = float(np.degrees(np.abs(down[:, 1] - up[:, 1]).max()))
         at_zero = float(np.degrees(np.interp(0.0, *down.T)))
@@ -212,11 +236,12 @@ class SeaTrials:
         longest = SWINGS * max(mode.period_s for mode in self.rest.modes.values())
         state = start(self.simulation, len(RELEASES), vessels)
         _, track = sail(self.simulation, state, lambda _t, _m: commands, longest, every_s=self.step_s)
-        rest = Instant.from_motion(self.rest.state.motion)
+        rest = Instant(self.rest.state.motion)
+        place, angles = rest.motion.pos_ned_m[0], rest.euler_rad[0]
         facts, plots = [], []
         for vessel, (axis, (name, size, unit)) in enumerate(RELEASES.items()):
             series = track.pos_ned_m[:, vessel, 2] if axis == 2 else track.euler_rad[:, vessel, axis - 3]
-            series = series - (rest.pos_ned_m[0, 2] if axis == 2 else rest.euler_rad[0, axis - 3])
+            series = series - (place[2] if axis == 2 else angles[axis - 3])
             found = measures.decay(track.time_s, series)
             period_s, ratio = (None, None) if found is None else (found.period_s, found.damping_ratio)
             facts += [
@@ -273,11 +298,11 @@ def wave_responses(model: VesselSpec, water: Water, step_s: float) -> WaveRespon
         wave_vector_radpm=np.column_stack([-number, 0.0 * number]),
         phase_rad=np.random.default_rng(2).uniform(0.0, 2.0 * math.pi, len(number)),
     )
-    simulation = Simulation.from_spec(model, Environment(water=water, waves=field), step_s)
+    simulation = trial(model, Environment(water=water, waves=field), step_s)
     state = world.initial(simulation, np.zeros((2, 2)), np.array([0.0, 0.5 * math.pi]), np.random.default_rng(1))
     longest = 2.0 * math.pi / omega.min()
     stopped = np.zeros((2, model.commands))
-    _, track = sail(simulation, state, lambda _t, _m: stopped, 20.0 * longest, every_s=0.05)
+    _, track = sail(simulation, state, lambda _t, _m: stopped, 20.0 * longest, every_s=_EVERY_S)
     settled = track.time_s > 6.0 * longest
     curves: dict[str, tuple[str, str, Array]] = {}
     for vessel, heading, motions in (
@@ -286,9 +311,10 @@ def wave_responses(model: VesselSpec, water: Water, step_s: float) -> WaveRespon
     ):
         place = track.pos_ned_m[settled, vessel]
         phase = place[:, :2] @ field.wave_vector_radpm.T - omega * track.time_s[settled, None] + field.phase_rad
-        for motion, angle in motions:
-            series = -place[:, 2] if angle is None else track.euler_rad[settled, vessel, angle]
-            amplitude = measures.response(phase, series)
+        angles = track.euler_rad[settled, vessel]
+        series = np.column_stack([-place[:, 2] if angle is None else angles[:, angle] for _, angle in motions])
+        amplitudes = measures.response(phase, series).T
+        for (motion, angle), amplitude in zip(motions, amplitudes, strict=True):
             per = field.amplitude_m if angle is None else np.full(len(number), WAVE_STEEPNESS)
             curves[f"{motion}_{heading}"] = heading, motion, amplitude / per
     return WaveResponses(WAVELENGTHS, omega, number, curves)
@@ -375,27 +401,37 @@ class SpiralOrder(SteeringOrder):
 class _Pilot:
     """Orders to several vessels; `finished`: the number of samples at the end of each order."""
 
-    def __init__(self, orders: Sequence[SteeringOrder], command: Callable[[float, float], Array]) -> None:
-        self._orders, self._command = orders, command
-        self._yaw_rad: Array | None = None
-        self._turned_rad = np.zeros(len(orders))
+    def __init__(
+        self, orders: Sequence[SteeringOrder], command: Callable[[float, float], Array], every_s: float
+    ) -> None:
+        self._orders, self._command, self._every_s = orders, command, every_s
+        self._yaw_rad: list[float] | None = None
+        self._turned_rad = [0.0] * len(orders)
         self.steering_deg: list[list[float]] = []
         self.finished: list[int | None] = [None] * len(orders)
+        self._commands: Array | None = None
 
     @property
     def done(self) -> bool:
         return all(order.done for order in self._orders)
 
     def __call__(self, time_s: float, now: Instant) -> Array:
-        yaw = now.euler_rad[:, 2]
-        last = yaw if self._yaw_rad is None else self._yaw_rad
-        self._turned_rad = self._turned_rad + wrap_pi(yaw - last)
-        self._yaw_rad = yaw
+        yaw_rad = now.yaw_rad.tolist()
+        changes = zip(yaw_rad, self._yaw_rad or yaw_rad, strict=True)
+        self._turned_rad = [
+            turned + math.remainder(yaw - last, 2.0 * math.pi)
+            for turned, (yaw, last) in zip(self._turned_rad, changes, strict=True)
+        ]
+        self._yaw_rad = yaw_rad
         # Half a sample ahead, so that a heading is not noticed late on average.
-        turned = np.degrees(self._turned_rad + 0.5 * _EVERY_S * now.velocity_frd[:, 5])
-        angles = [order.steering(time_s, float(angle)) for order, angle in zip(self._orders, turned, strict=True)]
+        angles = [
+            order.steering(time_s, math.degrees(turned + 0.5 * self._every_s * rate))
+            for order, turned, rate in zip(self._orders, self._turned_rad, now.rate_radps.tolist(), strict=True)
+        ]
+        if self._commands is None or angles != self.steering_deg[-1]:
+            self._commands = np.array([self._command(APPROACH_THROTTLE, angle) for angle in angles])
         self.steering_deg.append(angles)
         for vessel, order in enumerate(self._orders):
             if order.done and self.finished[vessel] is None:
                 self.finished[vessel] = len(self.steering_deg)
-        return np.array([self._command(APPROACH_THROTTLE, angle) for angle in angles])
+        return self._commands

@@ -1,4 +1,4 @@
-"""A vessel's manoeuvres with their references: published figures and closed forms, each with the error."""
+"""A vessel's manoeuvres with their references, each with its kind and the error; and the surroundings likewise."""
 
 from __future__ import annotations
 
@@ -10,23 +10,34 @@ from operator import ge
 
 import numpy as np
 
-from sim_core.environment.spec import GRAVITY_MPS2, Water
+from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.vessel.spec import VesselSpec, Windage
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 from xitl_cli.plugins.studies.manoeuvres import closed_forms
-from xitl_cli.plugins.studies.manoeuvres.closed_forms import HorizontalMotion, HorizontalRun, LinearSeakeeping
+from xitl_cli.plugins.studies.manoeuvres.closed_forms import (
+    GRAVITY_MPS2,
+    HorizontalMotion,
+    HorizontalRun,
+    LinearSeakeeping,
+    Matrices,
+)
 from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG
 from xitl_cli.plugins.studies.manoeuvres.measures import decay, turning_circle, zig_zag
 from xitl_cli.plugins.studies.manoeuvres.published import (
     FIGURES,
+    RECORDED_RUNS,
+    RECORDED_S,
     RUNS,
     RUNS_S,
     RUNS_WATER_KGPM3,
     SAME_HEADING_DEG,
     SAME_MODEL,
 )
+from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, Kind, Source
+from xitl_cli.plugins.studies.manoeuvres.ship_trials import ship_references, ship_trials
 from xitl_cli.plugins.studies.manoeuvres.station import ESTIMATE_M, loiter_radius_m, station_keeping
+from xitl_cli.plugins.studies.manoeuvres.surroundings import SURROUNDINGS, compared_sections
 from xitl_cli.plugins.studies.manoeuvres.trials import (
     APPROACH_THROTTLE,
     LONGEST_S,
@@ -44,14 +55,14 @@ from xitl_cli.plugins.studies.manoeuvres.trials import (
 from xitl_cli.plugins.studies.manoeuvres.vessel_check import afloat_facts
 from xitl_cli.profile.schema.agents import AutopilotSpec
 
-ARCHIMEDES = "closed form: Archimedes and the second moments of the waterline"
-LINEAR = "closed form: linear equations of motion with the waterline's stiffness"
-SURGE_ALONE = "closed form: the equation of surge alone, level"
-HORIZONTAL = "equations of surge, sway and yaw alone, integrated separately"
-STRIPS = "closed form: linear strip theory of relative motion"
-LONG_WAVES = "limit: a vessel follows waves much longer than itself (Newman 1977, ch. 6)"
-MIRRORED = "the same to the other side"
-LOITER = "LOIT_RADIUS of the embedded autopilot, by its own estimate"
+ARCHIMEDES = Source(Kind.CLOSED_FORM, "Archimedes and the second moments of the waterline")
+LINEAR = Source(Kind.CLOSED_FORM, "linear equations of motion with the waterline's stiffness")
+LONG_WAVES = Source(Kind.CLOSED_FORM, "a vessel follows waves much longer than itself (Newman 1977, ch. 6)")
+SURGE_ALONE = Source(Kind.SAME_EQUATIONS, "the equation of surge alone, level")
+HORIZONTAL = Source(Kind.SAME_EQUATIONS, "equations of surge, sway and yaw alone, integrated separately")
+STRIPS = Source(Kind.SAME_EQUATIONS, "linear strip theory of relative motion, in the frequency domain")
+MIRRORED = Source(Kind.SAME_EQUATIONS, "turns to port and starboard are equal for a symmetric vessel")
+LOITER = Source(Kind.SAME_EQUATIONS, "LOIT_RADIUS of the embedded autopilot, by its own estimate")
 
 OF_WATERLINE, OF_BM, OF_LENGTH = 0.01, 0.02, 0.05
 """Tolerance for the strips, which blunt a hull's ends; n of them omit 1 / n^2 of the longitudinal moment."""
@@ -68,18 +79,6 @@ OF_RESPONSE = 0.05
 
 In roll, near resonance, the effect of the waterline's tolerance is added.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class FigureReference:
-    """Reference of a figure: value, largest error in the figure's unit, and source."""
-
-    value: float
-    allowed: float
-    source: str
-    disputed: str = ""
-    at_most: bool = False
-    """True if the figure may be any amount smaller."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +121,12 @@ class ValidatedFigure:
 
 
 @dataclass(frozen=True, slots=True)
-class VesselValidation:
-    """Validation of a vessel."""
+class Validation:
+    """Validation of a vessel, or of the surroundings."""
 
-    vehicle: str
+    name: str
     steered_by: str
+    """Empty for the surroundings."""
     sections: tuple[Section, ...]
     """Sections with their plots, by key."""
     figures: tuple[ValidatedFigure, ...]
@@ -144,7 +144,7 @@ def validate_vessel(
     water: Water | None = None,
     autopilot: AutopilotSpec | None = None,
     tell: Callable[[str], None] = lambda _: None,
-) -> VesselValidation:
+) -> Validation:
     """Validate a vessel. name: key of the published figures. autopilot: for station keeping. tell: called with each
     manoeuvre.
 
@@ -157,13 +157,13 @@ def validate_vessel(
     if RUNS.get(name):
         tell("published runs")
         sections.append(_published_runs(model, name))
-    for section in trials.sections():
-        tell(section.title.lower())
-        sections.append(section)
-    tell("station keeping")
-    facts = (fact for section in sections for fact in section.facts)
-    top_mps = next(float(fact.value or 0.0) for fact in facts if fact.key == "top_speed_mps")
-    sections.append(station_keeping(model, autopilot, water, top_mps, trials.rest.forward_n))
+    if RECORDED_RUNS.get(name):
+        sections.append(_recorded_runs(trials, name))
+    if model.table_key is not None:  # a table holds for manoeuvres ahead near its speed
+        tell("manoeuvres of the table")
+        sections.append(ship_trials(model, name))
+    else:
+        sections += _boat_sections(trials, autopilot, tell)
     values = {
         fact.key: float(fact.value)  # JSON does not accept numpy's number types
         for section in sections
@@ -174,20 +174,45 @@ def validate_vessel(
     turning_m = 0.0 if trials.helm.by == "difference of thrust" else model.length_m  # others need room to turn
     theory.limit("station_radius_m", loiter_radius_m(autopilot), ESTIMATE_M + turning_m, LOITER)
     sections = [theory.drawn(section) for section in sections]
-    published = {figure.key: figure for figure in FIGURES.get(name, ())}
     figures: list[ValidatedFigure] = []
     for section in sections:
         for fact in section.facts:
             references: list[FigureReference | None] = [*theory.references(fact.key), *_of_runs(name, fact.key)]
-            if (known := published.get(fact.key)) is not None:
-                allowed = known.tolerance * known.value
-                references.append(FigureReference(known.value, allowed, known.source, known.disputed))
+            references += ship_references(name, fact.key)
+            for known in FIGURES.get(name, ()):
+                if known.key == fact.key:
+                    allowed = known.tolerance * abs(known.value)
+                    references.append(FigureReference(known.value, allowed, known.source, known.disputed))
             value = values.get(fact.key)
             figures += [
                 ValidatedFigure(section.title, fact.key, fact.label, fact.unit, value, reference)
                 for reference in references or [None]
             ]
-    return VesselValidation(name, trials.helm.by, tuple(sections), tuple(figures))
+    return Validation(name, trials.helm.by, tuple(sections), tuple(figures))
+
+
+def validate_surroundings() -> Validation:
+    """Compare Earth, magnetic field, atmosphere and waves with published tables."""
+    compared = compared_sections()
+    figures = tuple(
+        ValidatedFigure(section.title, fact.key, fact.label, fact.unit, float(str(fact.value)), references[fact.key])
+        for section, references in compared
+        for fact in section.facts
+    )
+    return Validation(SURROUNDINGS, "", tuple(section for section, _ in compared), figures)
+
+
+def _boat_sections(
+    trials: SeaTrials, autopilot: AutopilotSpec | None, tell: Callable[[str], None]
+) -> Iterator[Section]:
+    """Yield the manoeuvres under way, the response to waves, and station keeping."""
+    top_mps = 0.0
+    for section in trials.sections():
+        tell(section.title.lower())
+        top_mps = next((float(fact.value or 0.0) for fact in section.facts if fact.key == "top_speed_mps"), top_mps)
+        yield section
+    tell("station keeping")
+    yield station_keeping(trials.model, autopilot, trials.water, top_mps, trials.rest.forward_n, trials.step_s)
 
 
 def _published_runs(model: VesselSpec, name: str) -> Section:
@@ -200,15 +225,32 @@ def _published_runs(model: VesselSpec, name: str) -> Section:
         u, v, *_, r = track.velocity_frd[-1, vessel]
         turned = track.euler_rad[:, vessel, 2] - track.euler_rad[0, vessel, 2]
         heading = float(np.degrees(np.interp(10.0, track.time_s, turned)))
-        facts += [
-            Fact(f"run_{vessel}_surge_mps", f"surge, {run.name}", float(u), "m/s"),
-            Fact(f"run_{vessel}_sway_mps", f"sway, {run.name}", float(v), "m/s"),
-            Fact(f"run_{vessel}_rate_degps", f"rate of turn, {run.name}", math.degrees(r), "deg/s"),
-            Fact(f"run_{vessel}_heading_deg", f"heading after 10 s, {run.name}", heading, "deg"),
-        ]
+        facts.append(Fact(f"run_{vessel}_surge_mps", f"surge, {run.name}", float(u), "m/s"))
+        if run.turns:
+            facts += [
+                Fact(f"run_{vessel}_sway_mps", f"sway, {run.name}", float(v), "m/s"),
+                Fact(f"run_{vessel}_rate_degps", f"rate of turn, {run.name}", math.degrees(r), "deg/s"),
+            ]
+        facts.append(Fact(f"run_{vessel}_heading_deg", f"heading after 10 s, {run.name}", heading, "deg"))
         traces.append(Trace(run.name, track.pos_ned_m[:, vessel, 1], track.pos_ned_m[:, vessel, 0]))
     plot = Plot("runs", "Ways from rest, port and starboard propeller", "north (m)", tuple(traces), "map", "east (m)")
     return Section("runs", "Published runs", tuple(facts), plots=(plot,))
+
+
+def _recorded_runs(trials: SeaTrials, name: str) -> Section:
+    """Run as a real boat was recorded, in water and air of the profile."""
+    runs = RECORDED_RUNS[name]
+    track = trials.runs([run.commands for run in runs], RECORDED_S)
+    facts, traces = [], []
+    for vessel, run in enumerate(runs):
+        ahead, rate = track.velocity_frd[-1, vessel, 0], track.velocity_frd[-1, vessel, 5]
+        values = {"speed_mps": (ahead, "speed", "m/s"), "rate_degps": (math.degrees(rate), "rate of turn", "deg/s")}
+        for figure in run.figures:
+            value, label, unit = values[figure]
+            facts.append(Fact(f"{run.key}_{figure}", f"{label}, {run.name}", float(value), unit))
+        traces.append(Trace(run.name, track.pos_ned_m[:, vessel, 1], track.pos_ned_m[:, vessel, 0]))
+    plot = Plot("recorded", "Ways from rest", "north (m)", tuple(traces), "map", "east (m)")
+    return Section("recorded", "Recorded runs", tuple(facts), plots=(plot,))
 
 
 def _of_runs(name: str, key: str) -> Iterator[FigureReference]:
@@ -230,19 +272,21 @@ class _Theory:
         self._references: dict[str, list[FigureReference]] = {}
         self._curves: dict[str, Trace] = {}
         self._trials, self._values = trials, values
-        model, water, rest = trials.model, trials.water, trials.rest
-        hydrodynamics = trials.simulation.vessel.hydrodynamics
+        model, water = trials.model, trials.water
+        afloat = closed_forms.waterline(model, water)
+        draft_m = values["draft_m"] if afloat is None else afloat.draft_m  # of hulls from a mesh, as measured
+        self._matrices = Matrices.from_spec(model, draft_m)
         stiffness = np.zeros((6, 6))
-        self._small = LinearSeakeeping(rest.about.mass, hydrodynamics.added_mass, rest.about.damping, stiffness)
-        if (afloat := closed_forms.waterline(model, water)) is not None:
+        matrices = self._matrices
+        self._small = LinearSeakeeping(matrices.mass, matrices.added_mass, matrices.damping, stiffness)
+        if afloat is not None:
             stiffness[2:5, 2:5] = afloat.stiffness
             self._add("draft_m", afloat.draft_m, OF_WATERLINE * afloat.draft_m, ARCHIMEDES)
             self._add("trim_deg", math.degrees(afloat.trim_rad), 0.1, ARCHIMEDES)
             self._add("gm_transverse_m", afloat.gm_transverse_m, OF_BM * afloat.bm_transverse_m, ARCHIMEDES)
             self._add("gm_longitudinal_m", afloat.gm_longitudinal_m, OF_LENGTH * afloat.gm_longitudinal_m, ARCHIMEDES)
+            time_s = np.arange(0.0, SWINGS * float(self._small.periods_s.max()), trials.step_s)
             for axis, (name, _, _) in RELEASES.items():
-                modes = rest.modes.values()
-                time_s = np.arange(0.0, SWINGS * max(mode.period_s for mode in modes), trials.step_s)
                 if (free := decay(time_s, self._small.released(axis, time_s))) is not None:
                     share = OF_PERIOD
                     if axis == 3:
@@ -250,14 +294,15 @@ class _Theory:
                     self._add(f"{name}_period_s", free.period_s, share * free.period_s, LINEAR)
                     self._add(f"{name}_damping_ratio", free.damping_ratio, OF_RATIO * free.damping_ratio, LINEAR)
             self._waves(afloat)
-        self._straight()
-        self._turns()
+        if model.table_key is None:
+            self._straight()
+            self._turns()
 
     def references(self, key: str) -> list[FigureReference]:
         """Return the references of a figure; empty if theory gives none."""
         return self._references.get(key, [])
 
-    def limit(self, key: str, value: float, allowed: float, source: str) -> None:
+    def limit(self, key: str, value: float, allowed: float, source: Source) -> None:
         """Set an upper limit of a figure."""
         self._references.setdefault(key, []).append(FigureReference(value, allowed, source, at_most=True))
 
@@ -269,7 +314,7 @@ class _Theory:
         )
         return replace(section, plots=plots)
 
-    def _add(self, key: str, value: float, allowed: float, source: str) -> None:
+    def _add(self, key: str, value: float, allowed: float, source: Source) -> None:
         if math.isfinite(value):
             self._references.setdefault(key, []).append(FigureReference(float(value), float(allowed), source))
 
@@ -298,9 +343,9 @@ class _Theory:
         trials, values = self._trials, self._values
         if trials.helm.by not in ("difference of thrust", "gear"):
             return
-        motion = HorizontalMotion(trials.model, trials.water, self._small)
+        motion = HorizontalMotion(trials.model, trials.water, self._matrices)
         straight = trials.helm.command(APPROACH_THROTTLE)
-        speed = closed_forms.steady_speed_mps(trials.model, trials.water, motion.wanted(straight)[0])
+        speed = closed_forms.steady_speed_mps(trials.model, trials.water, np.array(motion.wanted(straight)[0]))
         for angle in (angle for angle in SPIRAL_DEG if angle > 0):
             key = f"spiral_at_{angle:.0f}_degps"
             guess = (speed, -0.1 * speed, math.radians(values.get(key, 10.0)))  # selects one of several solutions
@@ -308,13 +353,13 @@ class _Theory:
                 degps = math.degrees(steady[2])
                 self._add(key, degps, OF_TURN * abs(degps), HORIZONTAL)
 
-        def sailed(order: SteeringOrder, step_s: float) -> HorizontalRun:
+        def sailed(order: SteeringOrder) -> HorizontalRun:
             def command(angle: float) -> Array:
                 return trials.helm.command(APPROACH_THROTTLE, angle)
 
-            return motion.run(straight, speed, order.steering, command, lambda: order.done, LONGEST_S, step_s)
+            return motion.run(straight, speed, order.steering, command, lambda: order.done, LONGEST_S)
 
-        turn = sailed(TurnOrder(FULL_STEERING_DEG), 0.05)
+        turn = sailed(TurnOrder(FULL_STEERING_DEG))
         circle = turning_circle(turn.time_s, turn.north_m, turn.east_m, turn.yaw_rad, turn.velocity[:, :2])
         for name, _, value, unit in turning_figures(circle):
             if value is not None:
@@ -322,7 +367,7 @@ class _Theory:
                 self._add(f"turn_starboard_{name}", value, allowed, HORIZONTAL)
         self._curves["turning"] = Trace("theory, to starboard", turn.east_m, turn.north_m)
         for angle in (10.0, 20.0):
-            zig = sailed(ZigZagOrder(angle), 0.02)
+            zig = sailed(ZigZagOrder(angle))
             along = np.hypot(zig.velocity[:, 0], zig.velocity[:, 1])
             try:
                 measured = zig_zag(zig.time_s, zig.yaw_rad, along, zig.steering_deg)
@@ -334,15 +379,15 @@ class _Theory:
                     self._add(name, value, allowed, HORIZONTAL)
             heading = np.degrees(zig.yaw_rad)
             self._curves[f"zig_zag_{angle:.0f}"] = Trace("theory", zig.time_s, heading)
-        # Port and starboard are equal for a symmetric vessel.
-        model = trials.model
+        self._mirrored()
+
+    def _mirrored(self) -> None:
+        """Compare the largest deviation of a symmetric vessel's turn to port from that to starboard with none."""
+        model, values = self._trials.model, self._values
         places = [propeller.position_frd_m[:2] for propeller in model.propellers if propeller.position_frd_m[1]]
         paired = all((x, -y) in places for x, y in places)
         if paired and not model.centre_of_gravity_frd_m[1] and abs(values.get("heel_deg", 1.0)) < 0.01:
-            for key, value in values.items():
-                if key.startswith("turn_port_") and (other := values.get(key.replace("port", "starboard"))) is not None:
-                    other = math.copysign(other, value)
-                    self._add(key, other, OF_MIRROR * abs(other), MIRRORED)
+            self._references["turn_asymmetry"] = [FigureReference(0.0, OF_MIRROR, MIRRORED, at_most=True)]
 
     def _waves(self, afloat: closed_forms.Waterline) -> None:
         trials = self._trials
@@ -362,6 +407,6 @@ class _Theory:
                 self._curves[key] = Trace("strip theory", np.array(wavelengths), sizes)
                 for ratio, size, other in zip(wavelengths, sizes.tolist(), less.tolist(), strict=True):
                     self._add(f"{key}_{ratio:g}", size, OF_RESPONSE * max(1.0, size) + abs(other - size), STRIPS)
-                slowness = (trials.rest.modes[motion].period_s * omega.min() / (2.0 * math.pi)) ** 2
+                slowness = (float(self._small.periods_s[axis - 2]) * omega.min() / (2.0 * math.pi)) ** 2
                 if slowness < 0.5 * OF_RESPONSE:  # otherwise it oscillates in the longest waves too
                     self._add(f"{key}_{max(wavelengths):g}", 1.0, OF_RESPONSE, LONG_WAVES)

@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Finding, Grid, Section
 from xitl_cli.logs.report.page import FileCard, Page, PagePart
+from xitl_cli.plugins.studies.manoeuvres.references import Kind, kind_shares
 from xitl_cli.plugins.studies.manoeuvres.validation import (
     ARCHIMEDES,
     HORIZONTAL,
@@ -20,11 +21,11 @@ from xitl_cli.plugins.studies.manoeuvres.validation import (
     STRIPS,
     SURGE_ALONE,
     ValidatedFigure,
-    VesselValidation,
+    Validation,
 )
 
-NO_REFERENCE = "no published reference"
-COLUMNS = ("figure", "unit", "ours", "reference", "error", "agrees", "source")
+NO_REFERENCE = "no reference"
+COLUMNS = ("figure", "unit", "ours", "reference", "error", "agrees", "kind", "source")
 
 _MUCH = 3.0
 """Number of tolerances up to which an omission in a closed form explains a difference."""
@@ -87,11 +88,11 @@ def advice(figure: ValidatedFigure) -> str:
     return f"{weight}: the error is {times:.2g} times its tolerance, and {importance}. To change it, {change}."
 
 
-def validation_page(validations: Sequence[VesselValidation]) -> Page:
+def validation_page(validations: Sequence[Validation]) -> Page:
     """Return a page with a part for each manoeuvre of each vessel, and differences at the top."""
     several = len(validations) > 1
     parts = [
-        PagePart(_section(section, validation), TimeLine(), validation.vehicle if several else "")
+        PagePart(_section(section, validation), TimeLine(), validation.name if several else "")
         for validation in validations
         for section in validation.sections
     ]
@@ -99,33 +100,51 @@ def validation_page(validations: Sequence[VesselValidation]) -> Page:
     for validation in validations:
         agree, differ, unknown = counts(validation)
         facts = (
-            ("steered by", validation.steered_by),
+            *((("steered by", validation.steered_by),) if validation.steered_by else ()),
             ("agree with their reference", str(agree)),
             ("differ", str(differ)),
             (NO_REFERENCE, str(unknown)),
+            *shares([validation]),
         )
-        cards.append(FileCard(validation.vehicle, facts))
-    names = ", ".join(validation.vehicle for validation in validations)
+        cards.append(FileCard(validation.name, facts))
+    if several:
+        cards.insert(0, FileCard("all", shares(validations)))
+    names = ", ".join(validation.name for validation in validations)
     return Page("Validation", names, tuple(parts), tuple(cards))
 
 
-def counts(validation: VesselValidation) -> tuple[int, int, int]:
+def counts(validation: Validation) -> tuple[int, int, int]:
     """Return the numbers of figures that agree, that differ, and that have no reference."""
     verdicts = [figure.agrees for figure in validation.figures]
     return verdicts.count(True), verdicts.count(False), sum(figure.reference is None for figure in validation.figures)
 
 
-def _section(section: Section, validation: VesselValidation) -> Section:
+def kind_counts(validations: Iterable[Validation]) -> dict[Kind, int]:
+    """Return the number of comparisons of each kind."""
+    return kind_shares(figure.reference for validation in validations for figure in validation.figures)
+
+
+def shares(validations: Iterable[Validation]) -> tuple[tuple[str, str], ...]:
+    """Return the comparisons by the kind of their reference as label and text, and those from outside together."""
+    found = kind_counts(validations)
+    total = max(sum(found.values()), 1)
+    outside = sum(count for kind, count in found.items() if kind.from_outside)
+    rows = [(str(kind), count) for kind, count in found.items() if count] + [("from outside xitl", outside)]
+    return tuple((label, f"{count} of {total} ({100 * count / total:.0f} %)") for label, count in rows)
+
+
+def _section(section: Section, validation: Validation) -> Section:
     figures = [figure for figure in validation.figures if figure.manoeuvre == section.title]
     rows: list[tuple[str | float | None, ...]] = []
     findings = []
     for figure in figures:
-        source, value = NO_REFERENCE, None
+        kind, source, value = "", NO_REFERENCE, None
         if (reference := figure.reference) is not None:
-            source, value = reference.source, rounded(reference.value)
+            kind, source, value = str(reference.source.kind), reference.source.text, rounded(reference.value)
             source += f"; disputed: {reference.disputed}" if reference.disputed else ""
         agrees = "" if figure.agrees is None else "yes" if figure.agrees else "no"
-        rows.append((figure.label, figure.unit, rounded(figure.value), value, figure.error_text, agrees, source))
+        error = figure.error_text
+        rows.append((figure.label, figure.unit, rounded(figure.value), value, error, agrees, kind, source))
         if figure.agrees is False:
             findings.append(_finding(figure))
     grid = Grid(f"{section.key}.figures", "Figures and their references", COLUMNS, tuple(rows))
@@ -149,7 +168,7 @@ def _finding(figure: ValidatedFigure) -> Finding:
     return Finding.warning(
         f"validation.{figure.key}",
         f"{figure.label}: {'not reached' if figure.value is None else f'{figure.value:.4g} {figure.unit}'.rstrip()}, "
-        f"but {figure.reference.value:.4g} by {figure.reference.source}; error: {figure.error_text or 'no value'}",
+        f"but {figure.reference.value:.4g} by {figure.reference.source.text}; error: {figure.error_text or 'no value'}",
         (),
         advice(figure),
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,9 +17,17 @@ from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water
 from sim_core.frames import Array, matrix_to_euler
 from sim_core.simulation import Simulation
 from sim_core.vessel.spec import VesselSpec
-from xitl_cli.logs.model.sections import Fact, Severity, Value
+from xitl_cli.logs.model.sections import Fact, Value
+from xitl_cli.plugins.studies.manoeuvres.findings import AXES, VesselFinding, force_key, odd, wrong
 from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG, Helm
 from xitl_cli.plugins.studies.manoeuvres.measures import stopping, time_to_95_percent
+from xitl_cli.plugins.studies.manoeuvres.size_check import (
+    clarke_yaw_damping_nmps,
+    shape_findings,
+    size_findings,
+    turn_findings,
+    way_findings,
+)
 from xitl_cli.plugins.studies.manoeuvres.small_motion import NaturalMode, Plane, SmallMotion, small_motion
 from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spread, start, steady, still_water
 
@@ -28,21 +36,9 @@ _STEP_S = (0.01, 0.005, 0.0025, 0.001, 0.0005)
 """Possible steps. The check uses the longest step that follows the vessel's fastest motion: its runs are slow.
 """
 _STEPS_PER_RADIAN = 8.0
-_LONGEST_S = 240.0
+_LONGEST_S, _EVERY_S = 240.0, 0.05
+"""Longest run and time between samples, of a boat."""
 _FULL = len(THROTTLES) - 1
-
-
-@dataclass(frozen=True, slots=True)
-class VesselFinding:
-    """A suspicious value."""
-
-    rule: str
-    """Stable name for programs."""
-    key: str
-    """Key of the profile."""
-    severity: Severity
-    sentence: str
-    next_step: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,19 +69,41 @@ class Demands:
 def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselCheck:
     """Check a vessel. Raises ValueError with the wrong number for a vessel that does not float upright."""
     demands = demands or Demands()
-    rest = AtRest(model, demands.environment.water if demands.environment else Water())
-    runs = _Runs(rest)
+    try:
+        rest = AtRest(model, demands.environment.water if demands.environment else Water())
+    except ValueError as error:
+        causes = "".join(f"; {cause.key}: {cause.sentence}; {cause.next_step}" for cause in shape_findings(model))
+        raise ValueError(f"{error}{causes}") from error
+    still = (("Afloat at rest", tuple(afloat_facts(rest))), ("Small motions about rest", tuple(_small(rest))))
+    findings = list(rest_findings(rest, demands))
+    try:
+        runs = _Runs(rest)
+    except np.linalg.LinAlgError:  # a motion without bounds
+        findings += _diverging(rest)
+        return VesselCheck(model.name, still, tuple(sorted(findings, key=lambda finding: -finding.severity)))
     figures = (
-        ("Afloat at rest", tuple(afloat_facts(rest))),
-        ("Small motions about rest", tuple(_small(rest))),
+        *still,
         ("Under way", tuple(_under_way(rest, runs))),
         ("Turning at full throttle", tuple(_turning(runs))),
         ("Stopping from top speed", tuple(_stopping(runs))),
     )
     values = {fact.key: fact.value for _, facts in figures for fact in facts}
-    findings = [*rest_findings(rest, demands), *_way_findings(rest, demands, values)]
+    findings += _way_findings(rest, demands, values)
+    findings += way_findings(rest, runs.fastest_mps, runs.straight)
+    if runs.turns is not None:
+        rate_radps = math.radians(_number(values, "turn_rate_starboard_degps"))
+        findings += turn_findings(rest, _number(values, "turn_diameter_starboard_m"), rate_radps)
     findings.sort(key=lambda finding: -finding.severity)
     return VesselCheck(model.name, figures, tuple(findings))
+
+
+def _diverging(rest: AtRest) -> Iterator[VesselFinding]:
+    yield wrong(
+        "motion.diverges",
+        "vehicle",
+        "under way its motion grows without bounds",
+        f"correct the other values first; otherwise look for a damping that drives at speed, of {rest.model.name}",
+    )
 
 
 class AtRest:
@@ -107,8 +125,13 @@ class AtRest:
 
         def drag_n(velocity: Array) -> Array:
             """Return the (N, 6) force of the water against (N, 6) velocities, at the depth of rest."""
-            hydrodynamics = finest.vessel.hydrodynamics
+            hydrodynamics, propulsion = finest.vessel.hydrodynamics, finest.vessel.propulsion
             force: Array = np.concatenate(hydrodynamics.terms(velocity), axis=1) @ hydrodynamics.wrench
+            if model.abkowitz is not None:  # its table contains a thrust, which stopped propellers take away
+                stopped = np.zeros((len(velocity), model.commands))
+                force += (
+                    np.concatenate(propulsion.terms(stopped, velocity, velocity[:, :3]), axis=1) @ propulsion.wrench
+                )
             return -force
 
         self.drag_n = drag_n
@@ -117,7 +140,15 @@ class AtRest:
     def step_s(self) -> float:
         """Return the longest step that follows its fastest motion."""
         most = 1.0 / (_STEPS_PER_RADIAN * self.about.fastest_radps)
-        return next((dt_s for dt_s in _STEP_S if dt_s <= most), _STEP_S[-1])
+        return next((dt_s * self.slowness for dt_s in _STEP_S if dt_s * self.slowness <= most), _STEP_S[-1])
+
+    @property
+    def slowness(self) -> float:
+        """Return the time scale of a large vessel by Froude's law, 1 for a boat.
+
+        It is a whole number of tenths, so that steps are whole nanoseconds.
+        """
+        return round(math.sqrt(max(self.model.length_m / LARGE_M, 1.0)), 1)
 
 
 class _Runs:
@@ -135,18 +166,29 @@ class _Runs:
             rows = [helm.straight(throttle, yaw[row], rate[row]) for row, throttle in enumerate(THROTTLES)]
             return np.array([*rows, *others])
 
+        longest_s, every_s = _LONGEST_S * afloat.slowness, _EVERY_S * afloat.slowness
         vessels = len(THROTTLES) + len(others)
         at_rest = start(simulation, vessels, spread(afloat.state, [0] * vessels))
-        reached, self.ahead = sail(simulation, at_rest, ahead, _LONGEST_S, until=steady)
+        reached, self.ahead = sail(simulation, at_rest, ahead, longest_s, every_s=every_s, until=steady)
+        if not np.isfinite(self.ahead.velocity_frd).all():
+            raise np.linalg.LinAlgError("the motion under way grows without bounds")
         self.at_speed = [small_motion(simulation, reached.vessel, vessel) for vessel in range(len(THROTTLES))]
+        self.fastest_mps = float(self.ahead.velocity_frd[:, _FULL, 0].max())  # before an unstable course is lost
+        motion = replace(afloat.state.motion, vel_ned_mps=np.array([[self.fastest_mps, 0.0, 0.0]]))
+        full = replace(afloat.state, motion=motion, rotor_speed=np.array([helm.command(1.0)]))
+        self.straight = small_motion(simulation, full)
 
         full_ahead = start(simulation, 2, spread(reached.vessel, [_FULL, _FULL]))
         turning = np.array([helm.command(1.0, angle) for angle in (FULL_STEERING_DEG, -FULL_STEERING_DEG)])
         self.turns: Track | None = None
         if helm.by != "nothing":
-            _, self.turns = sail(simulation, full_ahead, lambda _t, _m: turning, _LONGEST_S, until=_turned)
+            _, self.turns = sail(
+                simulation, full_ahead, lambda _t, _m: turning, longest_s, every_s=every_s, until=_turned
+            )
         stopping = np.array([helm.command(-1.0), helm.command(0.0)])
-        _, self.stops = sail(simulation, full_ahead, lambda _t, _m: stopping, _LONGEST_S, until=_stopped, look_s=1.0)
+        _, self.stops = sail(
+            simulation, full_ahead, lambda _t, _m: stopping, longest_s, every_s=every_s, until=_stopped, look_s=1.0
+        )
 
 
 def _turned(track: Track) -> bool:
@@ -259,15 +301,8 @@ def rest_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
     yield from _afloat_findings(rest)
     yield from _body_findings(rest)
     yield from _place_findings(rest)
+    yield from size_findings(rest)
     yield from _small_findings(rest, demands)
-
-
-def _wrong(rule: str, key: str, sentence: str, next_step: str) -> VesselFinding:
-    return VesselFinding(rule, key, Severity.WARNING, sentence, next_step)
-
-
-def _odd(rule: str, key: str, sentence: str, next_step: str) -> VesselFinding:
-    return VesselFinding(rule, key, Severity.NOTICE, sentence, next_step)
 
 
 def _number(values: dict[str, Value], key: str) -> float:
@@ -287,7 +322,7 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
     hulls = f"vehicle.{model.hulls_key}"
     transverse = rest.floating.gm_transverse_m
     if transverse < SMALL_GM_OF_WIDTH * model.width_m:
-        yield _wrong(
+        yield wrong(
             "stability.small",
             "vehicle.centre_of_gravity_frd_m",
             f"the metacentric height is {transverse:.3f} m, {100 * transverse / model.width_m:.1f} % of the width: "
@@ -298,7 +333,7 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
     freeboard, height = _number(values, "freeboard_m"), min(hull.height_m for hull in model.demi_hulls)
     if freeboard < 0.15 * height:
         where = "under water" if freeboard < 0 else f"{100 * freeboard:.1f} cm above the water"
-        yield _wrong(
+        yield wrong(
             "deck.low",
             "vehicle.mass_kg",
             f"the deck is {where} at rest; the hulls have no buoyancy above it",
@@ -306,7 +341,7 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
         )
     for name, text, most in (("trim_deg", "trim", 3.0), ("heel_deg", "heel", 1.0)):
         if abs(angle := _number(values, name)) > most:
-            yield _wrong(
+            yield wrong(
                 f"rest.{text}",
                 "vehicle.centre_of_gravity_frd_m",
                 f"the vessel has a {text} of {angle:.1f} degrees at rest",
@@ -317,14 +352,14 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
     for number, propeller in enumerate(model.propellers):
         deep_m = float(np.dot(propeller.position_frd_m, rotation[2])) + depth_m
         if propeller.medium == "air" and deep_m > 0:
-            yield _wrong(
+            yield wrong(
                 "propeller.drowned",
                 f"vehicle.propellers.{number}.position_frd_m",
                 f"the air propeller {number} is {deep_m:.2f} m under water at rest",
                 "use a smaller third coordinate (further up), or `medium: water`",
             )
         elif propeller.medium == "water" and deep_m < 0:
-            yield _wrong(
+            yield wrong(
                 "propeller.dry",
                 f"vehicle.propellers.{number}.position_frd_m",
                 f"the propeller {number} is {-deep_m:.2f} m above the water at rest",
@@ -332,7 +367,7 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
             )
     for number, rudder in enumerate(model.rudders):
         if (deep_m := float(np.dot(rudder.position_frd_m, rotation[2])) + depth_m) < 0:
-            yield _wrong(
+            yield wrong(
                 "rudder.dry",
                 f"vehicle.rudders.{number}.position_frd_m",
                 f"the rudder {number} is {-deep_m:.2f} m above the water at rest",
@@ -340,6 +375,9 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
             )
 
 
+LARGE_M = 5.0
+"""Length from which a vessel counts as a ship or its tank model: thrust is a smaller share of its weight, and its
+manoeuvres take longer."""
 GYRATION_OF_SIZE = {"x": (0.20, 0.55), "y": (0.15, 0.40), "z": (0.15, 0.45)}
 """Radii of gyration: of the width about x, 0.33 to 0.45 for ships and more where the mass is in two hulls; of the
 length about y and z, 0.25 for ships (ITTC 7.5-02-07-02.1), and the width's share for a wide catamaran about z."""
@@ -354,7 +392,7 @@ def _body_findings(rest: AtRest) -> Iterator[VesselFinding]:
         radius_m = math.sqrt(model.inertia_kgm2[axis] / model.mass_kg)
         if not least <= radius_m / size_m <= most:
             usual = 0.5 * (least + most)
-            yield _wrong(
+            yield wrong(
                 f"inertia.{name}",
                 f"vehicle.inertia_kgm2.{axis}",
                 f"the radius of gyration about {name} is {radius_m:.2f} m, {radius_m / size_m:.2f} of the "
@@ -365,7 +403,7 @@ def _body_findings(rest: AtRest) -> Iterator[VesselFinding]:
     names = ("surge", "sway", "heave", "roll", "pitch", "yaw")
     missing = [name for name, value in zip(names, added, strict=True) if value <= 0]
     if missing:
-        yield _wrong(
+        yield wrong(
             "added_mass.none",
             "vehicle.added_mass",
             f"the added mass is 0 in {', '.join(missing)}, but every hull has one",
@@ -373,16 +411,17 @@ def _body_findings(rest: AtRest) -> Iterator[VesselFinding]:
             "levers for the moments",
         )
     weight_n = model.mass_kg * GRAVITY_MPS2
-    if not 0.005 <= rest.forward_n / weight_n <= 0.8:
-        yield _wrong(
+    least = 0.005 if model.length_m < LARGE_M else 0.001
+    if not least <= rest.forward_n / weight_n <= 0.8:
+        yield wrong(
             "thrust.weight",
             "vehicle.propellers",
             f"the thrust of all propellers ahead is {rest.forward_n:.3g} N, {rest.forward_n / weight_n:.3g} of the "
-            "weight; boats have 0.01 to 0.5",
+            f"weight; {'boats have 0.01 to 0.5' if model.length_m < LARGE_M else 'ships have 0.002 to 0.05'}",
             "check the thrusts (in N) and vehicle.mass_kg",
         )
     if model.wind.lateral_area_m2 == 0 or model.wind.frontal_area_m2 == 0:
-        yield _odd(
+        yield odd(
             "windage.none",
             "vehicle.wind",
             "the vessel has no windage: wind does not move it",
@@ -419,14 +458,14 @@ def _place_findings(rest: AtRest) -> Iterator[VesselFinding]:
                 where = f"{stern_m - x_m:.2f} m behind the stern"
                 if x_m > ahead_m:
                     where = f"{x_m - bow_m:.2f} m ahead of the bow"
-                yield _wrong(
+                yield wrong(
                     f"{kind}.place",
                     f"{key}.0",
                     f"the {kind} {number} is {where}; the hulls reach from x = {stern_m:.2f} to {bow_m:.2f} m",
                     f"use a first coordinate from {behind_m:.2f} to {ahead_m:.2f}; forward is positive",
                 )
             if abs(y_m) > OUTSIDE * half_m:
-                yield _wrong(
+                yield wrong(
                     f"{kind}.place",
                     f"{key}.1",
                     f"the {kind} {number} is {abs(y_m) - half_m:.2f} m outside the hulls of {half_m:.2f} m half width",
@@ -442,24 +481,6 @@ _TURN = 0.5
 """Length over radius of the checked turn at top speed: a turn with a radius of two lengths."""
 
 
-def clarke_yaw_damping_nmps(rest: AtRest, speed_mps: float) -> float:
-    """Return -N_r of the hulls in N m s about amidships, at a speed through the water.
-
-    Clarke, Gedling and Hine 1983, The application of manoeuvring criteria in hull design using linear theory: -N_r' =
-    pi (T / L)^2 (1 / 4 + 0.039 B / T - 0.56 B / L), made dimensional by rho L^4 U / 2. The bracket is at least 0.1,
-    because it is negative for hulls far wider than ships.
-    """
-    motion = rest.state.motion
-    rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
-    total = 0.0
-    for hull in rest.model.demi_hulls:
-        draft_m, length_m = float(np.dot(hull.keel_frd_m, rotation[2])) + depth_m, hull.length_m
-        if draft_m > 0.0:
-            bracket = 0.25 + 0.039 * hull.width_m / draft_m - 0.56 * hull.width_m / length_m
-            total += math.pi * (draft_m / length_m) ** 2 * max(bracket, 0.1) * length_m**4
-    return 0.5 * rest.water.density_kgpm3 * speed_mps * total
-
-
 def _yaw_findings(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
     """Compare the damping of a turn on the spot with Clarke's regression at top speed: a turn ends without way too."""
     if not top_mps > 0.0:
@@ -472,7 +493,7 @@ def _yaw_findings(rest: AtRest, top_mps: float) -> Iterator[VesselFinding]:
     least, most = (share * usual for share in YAW_OF_CLARKE)
     if has <= 0.0 or least <= has <= most:  # without any damping, `damping.yaw` reports it
         return
-    yield _wrong(
+    yield wrong(
         f"damping.yaw.{'little' if has < least else 'much'}",
         _damping_key(rest.model, "yaw"),
         f"at {math.degrees(rate):.0f} deg/s, the yaw damping in a turn on the spot is {has:.3g} N m s per rad, "
@@ -488,7 +509,7 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
     for name, mode in rest.modes.items():
         key = _damping_key(rest.model, name)
         if mode.damping_ratio < LITTLE_DAMPING:
-            yield _wrong(
+            yield wrong(
                 f"damping.{name}",
                 key,
                 f"the damping ratio in {name} is {mode.damping_ratio:.3f}: an oscillation takes "
@@ -496,7 +517,7 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
                 f"raise the damping of {name}; decay tests of small multihulls show 0.1 to 0.4",
             )
         elif mode.damping_ratio > MUCH_DAMPING:
-            yield _odd(
+            yield odd(
                 f"damping.{name}",
                 key,
                 f"the damping ratio in {name} is {mode.damping_ratio:.2g}: the vessel returns without oscillation",
@@ -505,7 +526,7 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
         if waves is not None and waves.spectrum != "none" and name != "heave" and mode.damping_ratio < 0.3:
             ratio = mode.period_s / waves.peak_period_s
             if 0.8 < ratio < 1.25:
-                yield _odd(
+                yield odd(
                     f"resonance.{name}",
                     "environment.waves.peak_period_s",
                     f"the natural period in {name}, {mode.period_s:.2f} s, is near the period of the waves, "
@@ -514,7 +535,7 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
                 )
     drag, at_one_mps = rest.about.damping, np.diag(rest.drag_n(np.eye(6)))
     if at_one_mps[1] < at_one_mps[0]:
-        yield _wrong(
+        yield wrong(
             "damping.sway",
             _damping_key(rest.model, "sway"),
             f"at 1 m/s the drag is {at_one_mps[1]:.3g} N sideways, but {at_one_mps[0]:.3g} N ahead",
@@ -522,7 +543,7 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
         )
     for axis, name in ((0, "surge"), (1, "sway"), (5, "yaw")):
         if drag[axis, axis] < 0 or at_one_mps[axis] <= 0:
-            yield _wrong(
+            yield wrong(
                 f"damping.{name}",
                 _damping_key(rest.model, name),
                 f"the vessel has no damping in {name}",
@@ -530,7 +551,7 @@ def _small_findings(rest: AtRest, demands: Demands) -> Iterator[VesselFinding]:
             )
     fastest = rest.about.fastest_radps / demands.physics_rate_hz
     if fastest > 0.5:
-        yield _wrong(
+        yield wrong(
             "steps.long",
             "clock.physics_rate_hz",
             f"its fastest motion advances by {fastest:.2g} rad per step at {demands.physics_rate_hz:g} Hz; "
@@ -546,7 +567,7 @@ FROUDE_OF_HUMP = 0.5
 def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> Iterator[VesselFinding]:
     top, froude = _number(values, "top_speed_mps"), _number(values, "top_speed_froude")
     if top <= 0:
-        yield _wrong(
+        yield wrong(
             "thrust.astern",
             "vehicle.propellers",
             "full throttle ahead does not drive the vessel ahead",
@@ -554,7 +575,7 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
         )
     yield from _yaw_findings(rest, top)
     if froude > FROUDE_OF_HUMP:
-        yield _odd(
+        yield odd(
             "froude.high",
             "vehicle.damping_quadratic.surge",
             f"at its top speed of {top:.2f} m/s the Froude number is {froude:.2f}: linear and quadratic drag include "
@@ -564,14 +585,14 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
     mission_mps = demands.mission_speed_mps
     if mission_mps is not None and mission_mps > 0.95 * top:
         needed = float(rest.drag_n(np.array([[mission_mps, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0, 0])
-        yield _wrong(
+        yield wrong(
             "thrust.mission",
             "mission.speed_mps",
             f"the mission requires {mission_mps:g} m/s, but full thrust gives {top:.2f} m/s in still water",
             f"lower the speed, or raise the thrust of all propellers together above {needed:.3g} N",
         )
     if (trim := abs(_number(values, "trim_at_top_speed_deg"))) > 6:
-        yield _wrong(
+        yield wrong(
             "trim.speed",
             "vehicle.propellers",
             f"the vessel trims by {trim:.1f} degrees at top speed",
@@ -579,21 +600,21 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
         )
     reverse = rest.reverse_n / max(rest.forward_n, 1e-9)
     if rest.reverse_n <= 0:
-        yield _odd(
+        yield odd(
             "thrust.reverse",
             "vehicle.propellers",
             "its propellers have no thrust astern: it stops by drag alone",
             "add max_reverse_thrust_n or open_water.reverse_share if they can reverse",
         )
     elif reverse > 1.05:
-        yield _odd(
+        yield odd(
             "thrust.reverse",
             "vehicle.propellers",
             f"the full thrust astern is {reverse:.2f} times the thrust ahead",
             "check max_thrust_n and max_reverse_thrust_n",
         )
     if rest.helm.by == "nothing":
-        yield _wrong(
+        yield wrong(
             "steering.none",
             "vehicle.propellers",
             "nothing turns the vessel: it has no rudder, no steered propeller and no propeller off its centreline",
@@ -601,14 +622,14 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
         )
     for quantity, names in (("course", "N_v, Y_r and N_r"), ("trim", "M_w, Z_q and M_q")):
         if str(stability := values[f"{quantity}_stability"]).startswith("unstable"):
-            yield _odd(
+            yield odd(
                 f"{quantity}.unstable",
                 "vehicle.stern_force",
                 f"its {quantity} is {stability}: a small disturbance grows until another force limits it",
                 f"check {names} against the Munk moment, which follows from the added masses",
             )
     if (heel := _number(values, "turn_heel_deg")) > 15:
-        yield _wrong(
+        yield wrong(
             "turn.heel",
             "vehicle.centre_of_gravity_frd_m",
             f"the vessel heels {heel:.0f} degrees in a turn at full throttle",
@@ -616,7 +637,7 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
         )
     for side, sign in (("starboard", 1), ("port", -1)):
         if _number(values, f"turn_rate_{side}_degps") * sign < 0:
-            yield _wrong(
+            yield wrong(
                 "steering.reversed",
                 "vehicle.propellers",
                 f"steering to {side} turns the vessel to the other side",
@@ -626,6 +647,5 @@ def _way_findings(rest: AtRest, demands: Demands, values: dict[str, Value]) -> I
 
 def _damping_key(model: VesselSpec, name: str) -> str:
     """Return the key of an axis' damping."""
-    if model.damping_linear_matrix is not None:
-        return "vehicle.damping_linear_matrix"
-    return "vehicle.derivatives" if model.derivatives else f"vehicle.damping_linear.{name}"
+    axis = AXES.index(name)
+    return force_key(model, axis, axis, 0.0)

@@ -1,0 +1,67 @@
+"""A table of a simulated boat in a pool: the simulation of sim_core with white noise, as a log of a real boat."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from sim_core.environment.spec import Water
+from sim_core.vessel.spec import VesselSpec
+from xitl_cli.plugins.identify.recording import Floats, Recording, channel
+from xitl_cli.plugins.identify.windows import HISTORY_S, OUTPUT_S, Plant
+from xitl_cli.profile import load_profile
+
+CURRENT_NE_MPS = (0.2, -0.15)
+COLUMNS = """\
+time: {column: t, unit: s}
+yaw: {column: psi, unit: deg}
+north: {column: x, unit: m}
+east: {column: y, unit: m}
+yaw_rate: {column: r, unit: deg/s}
+commands:
+  - {column: left, neutral: 1500, full: 1900}
+  - {column: right, neutral: 1500, full: 1900}
+"""
+
+
+def boat() -> VesselSpec:
+    vehicle = load_profile("vehicles/asv-third").vehicle
+    assert vehicle is not None
+    return vehicle
+
+
+def steps(length_s: float, seed: int) -> tuple[Floats, Floats]:
+    """Random steps of both propellers every 1.5 s: (K,) instants and (K, 2) commands."""
+    draw = np.random.default_rng(seed)
+    at_s = np.arange(0.0, length_s, 1.5)
+    throttle, steering = draw.uniform(-0.4, 0.8, len(at_s)), draw.uniform(-0.4, 0.4, len(at_s))
+    return at_s, np.clip(np.stack([throttle + steering, throttle - steering], axis=1), -1.0, 1.0)
+
+
+def pool_run(vessel: VesselSpec, length_s: float = 90.0, seed: int = 1, noise: float = 1.0) -> Recording:
+    """Simulate a run in a current. noise: scale of the noise of 2 cm, 0.3 degrees and 0.3 degrees/s."""
+    at_s, commands = steps(length_s, seed)
+    run = Recording("pool", {}, np.append(at_s, length_s), np.vstack([commands, commands[-1:]]))
+    edges = np.arange(round((length_s + HISTORY_S) / 0.02) + 1) * 0.02 - HISTORY_S
+    motion = Plant(Water()).motion(vessel, np.zeros((1, 4)), run.mean_commands(edges[None]), np.zeros((1, 2)))[:, 0]
+    time_s = np.arange(len(motion)) * OUTPUT_S
+    draw = np.random.default_rng(seed + 1000)
+    white = noise * draw.standard_normal((len(motion), 4)) * [0.02, 0.02, np.radians(0.3), np.radians(0.3)]
+    place = motion[:, :2] + time_s[:, None] * CURRENT_NE_MPS
+    values = np.column_stack([place, motion[:, 2], motion[:, 5]]) + white
+    names = ("north", "east", "yaw", "yaw_rate")
+    channels = {name: channel(time_s, column) for name, column in zip(names, values.T, strict=True)}
+    return Recording(f"pool-{seed}", channels, run.command_s, run.commands)  # type: ignore[arg-type]
+
+
+def write_table(recording: Recording, path: Path) -> Path:
+    """Write a recording as a table with the columns of COLUMNS, 10 rows a second."""
+    first_s, last_s = recording.span_s
+    time_s = np.arange(first_s, last_s, 0.1)
+    held = np.clip(np.searchsorted(recording.command_s, time_s, side="right") - 1, 0, None)
+    has = recording.channels
+    columns = [time_s, np.degrees(has["yaw"].at(time_s)), has["north"].at(time_s), has["east"].at(time_s)]
+    columns += [np.degrees(has["yaw_rate"].at(time_s)), *(1500.0 + 400.0 * recording.commands[held]).T]
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header="t,psi,x,y,r,left,right", comments="", fmt="%.6f")
+    return path

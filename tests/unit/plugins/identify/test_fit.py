@@ -1,0 +1,139 @@
+"""`xitl identify vessel`: parameters that a simulated boat was made with, and logs that cannot show them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pool import CURRENT_NE_MPS, boat, pool_run
+
+pytest.importorskip("scipy")
+
+from sim_core.environment.spec import Water
+from sim_core.motion import MotionStep
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.identify.fit import SHARED, fit
+from xitl_cli.plugins.identify.free_keys import free_keys, with_values
+from xitl_cli.plugins.identify.identification import Settings, identify, split
+from xitl_cli.plugins.identify.recording import Channel, check_recording
+from xitl_cli.plugins.identify.windows import Plant, cut
+
+FREE = ("added_mass.sway_kg", "added_mass.yaw_kgm2", "damping_linear.surge", "damping_linear.yaw")
+
+
+def test_it_returns_the_values_that_the_boat_was_made_with() -> None:
+    true = boat()
+    keys = free_keys(true, FREE, ())
+    start = with_values(true, keys, np.array([0.3, -0.3, 0.25, -0.2]))
+    keys = free_keys(start, FREE, ())
+    result = fit(start, keys, cut([pool_run(true)], 10.0), Water(), wind=False)
+    for key, x, sigma in zip(keys, result.x, result.sigma, strict=False):
+        wanted = free_keys(true, (key.key,), ())[0].start
+        error = abs(key.slope(x)) * sigma
+        assert key.value(x) == pytest.approx(wanted, rel=0.05), key.key
+        assert abs(key.value(x) - wanted) < 3.5 * error, (key.key, key.value(x), error)
+    first = len(keys) + len(SHARED)
+    assert result.x[first : first + 2] == pytest.approx(CURRENT_NE_MPS, abs=0.01)
+
+
+@pytest.mark.slow
+def test_standard_errors_cover_the_truth() -> None:
+    true, inside, count = boat(), 0, 0
+    for seed in range(20, 26):
+        keys = free_keys(true, FREE, ())
+        start = with_values(true, keys, np.random.default_rng(seed).uniform(-0.4, 0.4, len(keys)))
+        keys = free_keys(start, FREE, ())
+        result = fit(start, keys, cut([pool_run(true, seed=seed)], 10.0), Water(), wind=False)
+        for key, x, sigma in zip(keys, result.x, result.sigma, strict=False):
+            wanted = free_keys(true, (key.key,), ())[0].start
+            inside += abs(key.value(x) - wanted) < 2.0 * abs(key.slope(x)) * sigma
+            count += 1
+    assert inside >= 0.8 * count, (inside, count)
+
+
+def test_a_boat_that_never_turns_leaves_the_yaw_undetermined() -> None:
+    run = pool_run(boat(), 70.0)
+    straight = np.repeat(run.commands.mean(axis=1, keepdims=True), 2, axis=1)
+    ahead = replace(pool_run(boat(), 70.0), commands=straight)
+    still = {name: Channel(own.time_s, np.zeros_like(own.values)) for name, own in ahead.channels.items()}
+    still["north"] = ahead.channels["north"]
+    result = fit(boat(), free_keys(boat(), FREE, ()), cut([replace(ahead, channels=still)], 10.0), Water(), wind=False)
+    yaw = FREE.index("added_mass.yaw_kgm2")
+    assert result.sigma[yaw] > 0.3
+
+
+def test_four_strips_hold_a_boat_in_still_water_as_many_do() -> None:
+    commands = np.full((1, 300, 2), 0.5)
+    commands[:, 150:, 0] = -0.2
+    start = np.array([[0.0, 1.0, 0.1, 0.1]])
+    few = Plant(Water()).motion(boat(), start, commands, np.zeros((1, 2)))[-1, 0]
+    hull = boat().hull
+    assert hull is not None
+    fewest = replace(boat(), hull=replace(hull, strips=4))
+    assert few == pytest.approx(Plant(Water()).motion(fewest, start, commands, np.zeros((1, 2)))[-1, 0], abs=1e-9)
+    assert MotionStep is not None
+    assert few[3:] == pytest.approx(full_motion(commands, start), abs=5e-3)
+
+
+def full_motion(commands: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """The same motion with all strips and steps of 5 ms."""
+    from sim_core.vessel.vessel import Vessel
+    from xitl_cli.plugins.identify.windows import _simulated
+
+    result = _simulated(Vessel.from_spec(boat(), Water(), 0.005), start, commands, np.zeros((1, 2)))
+    return np.asarray(result[-1, 0, 3:])
+
+
+def test_keys() -> None:
+    with pytest.raises(UserError, match=r"no number at 'damping_linear.yow'; did you mean 'damping_linear.yaw'\?"):
+        free_keys(boat(), ("damping_linear.yow",), ())
+    with pytest.raises(UserError, match=r"damping_quadratic.heave is 0 .* write a first guess"):
+        free_keys(boat(), ("damping_quadratic.heave",), ())
+    (both,) = free_keys(boat(), ("propellers.max_thrust_n",), ())
+    changed = with_values(boat(), [both], np.array([np.log(2.0)]))
+    assert [own.max_thrust_n for own in changed.propellers] == pytest.approx([18.52, 18.52])
+
+
+def test_what_a_recording_lacks() -> None:
+    run = pool_run(boat(), 30.0)
+    with pytest.raises(UserError, match="has 2 commands, but the vehicle takes 3"):
+        check_recording(run, 3)
+    with pytest.raises(UserError, match=r"overlap for \d+\.\d s; record 20 s"):
+        check_recording(run.part(0.0, 12.0), 2)
+    with pytest.raises(UserError, match=r"commands change by 0\.000 of full; record steps"):
+        check_recording(replace(run, commands=np.full_like(run.commands, 0.3)), 2)
+    degrees = {
+        **run.channels,
+        "yaw_rate": Channel(run.channels["yaw_rate"].time_s, run.channels["yaw_rate"].values * 57.3),
+    }
+    with pytest.raises(UserError, match=r"yaw_rate is 6\d\.?\d* times the rate of yaw .*correct the unit"):
+        check_recording(replace(run, channels=degrees), 2)
+    north = run.channels["north"]
+    kept = (north.time_s < 4.0) | (north.time_s > 26.0)
+    gap = {**run.channels, "north": Channel(north.time_s[kept], north.values[kept])}
+    with pytest.raises(UserError, match="no part of 10 s is without a gap"):
+        cut([replace(run, channels=gap)], 10.0)
+
+
+def test_runs_are_split_whole() -> None:
+    runs = [pool_run(boat(), 25.0, seed) for seed in (1, 2, 3)]
+    training, testing = split(runs, ())
+    assert [[own.source for own in part] for part in (training, testing)] == [["pool-1", "pool-2"], ["pool-3"]]
+    training, testing = split(runs, ("pool-1",))
+    assert [own.source for own in testing] == ["pool-1"]
+    assert split(runs[:1], ())[1][0].span_s[0] == pytest.approx(0.7 * 25.0, abs=1.5)
+    with pytest.raises(UserError, match="--test pool-9 is none of the logs"):
+        split(runs, ("pool-9",))
+    with pytest.raises(UserError, match="--test names all logs"):
+        split(runs, ("pool-1", "pool-2", "pool-3"))
+
+
+def test_too_few_windows_and_a_model_that_cannot_follow() -> None:
+    settings = Settings(free=("damping_linear.surge",), wind=False)
+    with pytest.raises(UserError, match=r"have 2 windows of 10 s to fit; record 60 s"):
+        identify([pool_run(boat(), 36.0)], boat(), Water(), settings)
+    run = pool_run(boat(), 100.0)
+    crossed = replace(run, commands=-run.commands[:, ::-1])
+    with pytest.raises(UserError, match="the model cannot follow these logs"):
+        identify([crossed], boat(), Water(), settings)

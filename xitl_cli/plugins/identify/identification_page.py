@@ -1,0 +1,130 @@
+"""The result of `xitl identify vessel` as a file of the vehicle and as sections of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from xitl_cli.logs.model.sections import Finding, Grid, Plot, Section, Trace
+from xitl_cli.logs.report.wording import value_text
+from xitl_cli.logs.signals.series import rounded, significant
+from xitl_cli.plugins.identify.identification import Identification
+from xitl_cli.plugins.identify.prediction import SCORES
+from xitl_cli.profile import Profile, resolved_yaml
+
+_MOST_PLOTS = 6
+_MOTIONS = (("surge", "m/s"), ("sway", "m/s"), ("yaw rate", "rad/s"))
+
+
+def vehicle_text(result: Identification, profile: Profile, command: str) -> str:
+    """Return the profile with the identified vehicle as YAML, with values and errors in comments above it."""
+    from dataclasses import replace
+
+    lines = [f"# Identified by `{command}`", f"# from {', '.join(Path(name).name for name in result.trained)}.", "#"]
+    for own in result.keys:
+        unsure = f"; not determined: {own.advice}" if own.advice else ""
+        lines.append(f"# {own.key}: {own.value:.4g} ± {own.sigma:.2g} (before {own.start:.4g}){unsure}")
+    return "\n".join(lines) + "\n" + resolved_yaml(replace(profile, vehicle=result.vessel))
+
+
+def sections(result: Identification) -> list[Section]:
+    """Return the sections of the page, the answers first."""
+    return [_parameters(result), _predictions(result), _surroundings(result)]
+
+
+def findings(result: Identification) -> list[Finding]:
+    """Return what the logs do not determine, and what depends on each other."""
+    found = [
+        Finding.warning(
+            "identify.undetermined",
+            f"{own.key} is not determined: {own.value:.3g} ± {own.sigma:.2g}",
+            (),
+            f"{own.advice[:1].upper()}{own.advice[1:]}; or fix the key with --fix {own.key}.",
+        )
+        for own in result.keys
+        if own.advice
+    ]
+    found += [
+        Finding.notice(
+            "identify.correlated",
+            f"{first} and {second} are correlated ({value:+.2f}): their errors compensate",
+            (),
+            "Use them together, or fix one with --fix.",
+        )
+        for first, second, value in result.correlated
+    ]
+    return found
+
+
+def figure_rows(result: Identification) -> list[tuple[str, float | None, float | None, str]]:
+    """Return name, value, standard error and unit of each figure."""
+    return [(own.name, significant(own.value), significant(own.sigma, 2), own.unit) for own in result.figures]
+
+
+def key_rows(result: Identification) -> list[tuple[str, float | None, float | None, float | None, str]]:
+    """Return name, value before, value, standard error, and what would determine a key."""
+    return [
+        (own.key, significant(own.start), significant(own.value), significant(own.sigma, 2), own.advice)
+        for own in result.keys
+    ]
+
+
+def score_rows(result: Identification) -> list[tuple[str | float | int | None, ...]]:
+    """Return length, model, number of windows and errors."""
+    return [
+        (own.horizon_s, own.model, own.windows, *(significant(error, 3) for error in own.errors))
+        for own in result.scores
+    ]
+
+
+def _parameters(result: Identification) -> Section:
+    figures = Grid(
+        "figures", "Inertia and damping", ("figure", "value", "standard error", "unit"), tuple(figure_rows(result))
+    )
+    heads = ("key", "before", "identified", "standard error", "determined by")
+    keys = Grid("keys", "Keys of the vehicle", heads, tuple(key_rows(result)))
+    return Section("vehicle", "Identified vehicle", findings=tuple(findings(result)), grids=(figures, keys))
+
+
+def _predictions(result: Identification) -> Section:
+    heads = ("window (s)", "model", "windows", *SCORES)
+    grid = Grid("scores", "Root mean square errors on the tested logs", heads, tuple(score_rows(result)))
+    return Section("predictions", "Predictions", grids=(grid,), plots=tuple(_plots(result)))
+
+
+def _plots(result: Identification) -> Sequence[Plot]:
+    shown = result.predictions[:_MOST_PLOTS]
+    return [
+        Plot(
+            f"prediction {number} {name}",
+            f"{Path(own.source).name} from {own.time_s[0]:.0f} s: {name}",
+            f"{name} ({unit})",
+            (
+                Trace("measured", own.time_s, own.measured[:, axis]),
+                Trace("predicted", own.time_s, own.predicted[:, axis]),
+                Trace("by the first vehicle", own.time_s, own.before[:, axis]),
+            ),
+            kind="xy",
+            x_label="time (s)",
+        )
+        for number, own in enumerate(shown)
+        for axis, (name, unit) in enumerate(_MOTIONS)
+    ]
+
+
+def _surroundings(result: Identification) -> Section:
+    rows = tuple(
+        (log, name, rounded(value, 4), rounded(sigma, 4), unit) for log, name, value, sigma, unit in result.nuisance
+    )
+    grid = Grid(
+        "nuisance", "Current, wind, biases and delays", ("log", "quantity", "value", "standard error", "unit"), rows
+    )
+    noise = tuple((name, significant(value, 3)) for name, value in result.noise.items())
+    return Section(
+        "surroundings", "Surroundings and sensors", grids=(grid, Grid("noise", "Noise", ("quantity", "σ"), noise))
+    )
+
+
+def shown(value: str | float | int | None) -> str:
+    """Return a cell of the terminal."""
+    return value_text(value)

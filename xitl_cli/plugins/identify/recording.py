@@ -1,0 +1,208 @@
+"""The motion of a vessel and its commands over time, from which its parameters are identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.errors import UserError
+
+Floats = NDArray[np.float64]
+Quantity = Literal["north", "east", "yaw", "vel_north", "vel_east", "yaw_rate", "surge", "sway"]
+
+QUANTITIES: Mapping[Quantity, tuple[str, float]] = {
+    "north": ("m", 0.3),
+    "east": ("m", 0.3),
+    "yaw": ("rad", 0.02),
+    "vel_north": ("m/s", 0.08),
+    "vel_east": ("m/s", 0.08),
+    "yaw_rate": ("rad/s", 0.01),
+    "surge": ("m/s", 0.08),
+    "sway": ("m/s", 0.08),
+}
+"""Unit of each quantity, and a first guess of the standard deviation of its error. The fit estimates the latter."""
+
+_OVER_GROUND: tuple[tuple[Quantity, Quantity], ...] = (("vel_north", "north"), ("vel_east", "east"))
+_SAMPLES_HZ, _AVERAGED_HZ = 10.0, 20.0
+_GAP_S = 1.0
+_SMOOTH_S = 0.3
+_DRIFTING, _NEUTRAL, _BEFORE_S = (0.15, 0.15, 0.05), 0.02, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Samples of one quantity. Yaw is continuous, without jumps of a turn."""
+
+    time_s: Floats
+    """(M,) rising."""
+    values: Floats
+    """(M,)."""
+
+    def at(self, time_s: Floats) -> Floats:
+        """Linear interpolation at (K,) instants."""
+        return np.interp(time_s, self.time_s, self.values)
+
+    def smooth(self, time_s: Floats) -> Floats:
+        """Mean of the interpolated channel over 0.3 s before and after (K,) instants."""
+        offsets = np.linspace(-_SMOOTH_S, _SMOOTH_S, 7)
+        around = self.at(time_s[:, None] + offsets)
+        mean: Floats = around.mean(axis=1)
+        return mean
+
+
+def channel(time_s: Floats, values: Floats, *, average: bool = False) -> Channel:
+    """Return a channel with at most 10 samples a second. average: of a fast sensor, take the means of 20 intervals."""
+    if len(time_s) < 2:
+        return Channel(time_s, values)
+    rate_hz = _AVERAGED_HZ if average else _SAMPLES_HZ
+    every = max(round(1.0 / rate_hz / float(np.median(np.diff(time_s)))), 1)
+    if every == 1:
+        return Channel(time_s, values)
+    if not average:
+        return Channel(time_s[::every], values[::every])
+    whole = len(time_s) // every * every
+    return Channel(time_s[:whole].reshape(-1, every).mean(axis=1), values[:whole].reshape(-1, every).mean(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One run of a vessel."""
+
+    source: str
+    """Its file, for messages."""
+    channels: Mapping[Quantity, Channel]
+    command_s: Floats
+    """(K,) rising. Each command is held until the next."""
+    commands: Floats
+    """(K, C) in [-1, 1], in the order of the vessel."""
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Time that all channels and the commands cover."""
+        first = max(float(self.command_s[0]), *(float(own.time_s[0]) for own in self.channels.values()))
+        last = min(float(self.command_s[-1]), *(float(own.time_s[-1]) for own in self.channels.values()))
+        return first, last
+
+    def part(self, from_s: float, until_s: float) -> Recording:
+        """Return the recording between two instants."""
+        channels = {}
+        for name, own in self.channels.items():
+            rows = slice(*np.searchsorted(own.time_s, (from_s, until_s)))
+            channels[name] = Channel(own.time_s[rows], own.values[rows])
+        first, last = np.searchsorted(self.command_s, (from_s, until_s))
+        rows = slice(max(int(first) - 1, 0), int(last) + 1)
+        return Recording(self.source, channels, self.command_s[rows], self.commands[rows])
+
+    def broken(self, start_s: Floats, length_s: float) -> NDArray[np.bool_]:
+        """Return whether each window has a gap of more than 1 s in a channel, (W,)."""
+        bad = np.zeros(len(start_s), dtype=np.bool_)
+        for own in self.channels.values():
+            gaps = np.flatnonzero(np.diff(own.time_s) > _GAP_S)
+            for begin_s, end_s in zip(own.time_s[gaps], own.time_s[gaps + 1], strict=True):
+                bad |= (start_s < end_s) & (start_s + length_s > begin_s)
+        return bad
+
+    def idle(self, start_s: Floats, length_s: float) -> NDArray[np.bool_]:
+        """Return whether the boat drifts through each window, with its actuators at neutral all the time, (W,)."""
+        motion = np.abs(self.motion_at(start_s)[:, 3:])
+        still = (motion < _DRIFTING).all(axis=1)
+        instants = start_s[:, None] + np.arange(-_BEFORE_S, length_s, 0.1)
+        held = np.clip(np.searchsorted(self.command_s, instants, side="right") - 1, 0, None)
+        neutral = (np.abs(self.commands[held]) < _NEUTRAL).all(axis=(1, 2))
+        return np.asarray(still & neutral)
+
+    def mean_commands(self, edges_s: Floats) -> Floats:
+        """Return the mean commands between rising (..., E + 1) edges, (..., E, C)."""
+        steps = np.diff(self.command_s)[:, None] * self.commands[:-1]
+        total = np.concatenate([np.zeros((1, self.commands.shape[1])), np.cumsum(steps, axis=0)])
+        inside = np.clip(edges_s, self.command_s[0], self.command_s[-1])
+        integral = np.stack([np.interp(inside, self.command_s, column) for column in total.T], axis=-1)
+        width = np.maximum(np.diff(inside, axis=-1), 1e-9)[..., None]
+        return np.where(width > 1e-8, np.diff(integral, axis=-2) / width, self.commands[0])
+
+    def motion_at(self, time_s: Floats) -> Floats:
+        """Return (K, 6) north, east, yaw, and velocity ahead, to starboard and of the yaw, smoothed over 0.6 s."""
+        has = self.channels
+        yaw = has["yaw"].smooth(time_s)
+        motion = np.zeros((len(time_s), 6))
+        if "north" in has:
+            motion[:, 0], motion[:, 1] = has["north"].smooth(time_s), has["east"].smooth(time_s)
+        motion[:, 2] = yaw
+        if "surge" in has:
+            motion[:, 3], motion[:, 4] = has["surge"].smooth(time_s), has["sway"].smooth(time_s)
+        else:
+            north, east = (_rate(has, name, at, time_s) for name, at in _OVER_GROUND)
+            motion[:, 3] = np.cos(yaw) * north + np.sin(yaw) * east
+            motion[:, 4] = np.cos(yaw) * east - np.sin(yaw) * north
+        motion[:, 5] = _rate(has, "yaw_rate", "yaw", time_s)
+        return motion
+
+
+def _rate(has: Mapping[Quantity, Channel], name: Quantity, integral: Quantity, time_s: Floats) -> Floats:
+    """Return a velocity, or the slope of its integral where it is not measured."""
+    if name in has:
+        return has[name].smooth(time_s)
+    half_s = 0.5
+    return (has[integral].smooth(time_s + half_s) - has[integral].smooth(time_s - half_s)) / (2.0 * half_s)
+
+
+_LEAST_S = 20.0
+_MOVING = 0.05
+_FACTOR = 2.0
+_RECORD_OUTPUTS = "record RCOU (LOG_BITMASK bit 10, RC output) or SERVO_OUTPUT_RAW"
+
+
+def check_recording(recording: Recording, commands: int) -> Recording:
+    """Return the recording. Raises UserError if it cannot show how the vessel moves."""
+    source = recording.source
+    if recording.commands.shape[1] != commands:
+        raise UserError(
+            f"{source} has {recording.commands.shape[1]} commands, but the vehicle takes {commands}; "
+            "select the outputs in driver.replay.outputs of the vehicle's file, or give the commands of --columns"
+        )
+    first_s, last_s = recording.span_s
+    if last_s - first_s < _LEAST_S:
+        raise UserError(
+            f"{source}: motion and commands overlap for {max(last_s - first_s, 0.0):.1f} s; record {_LEAST_S:g} s "
+            "or more with outputs, position and attitude together"
+        )
+    inside = (recording.command_s >= first_s) & (recording.command_s <= last_s)
+    spread = np.ptp(recording.commands[inside], axis=0)
+    if spread.max(initial=0.0) < _MOVING:
+        raise UserError(
+            f"{source}: the commands change by {spread.max(initial=0.0):.3f} of full; record steps of thrust and "
+            "turns, as the profile identify-excitation has them"
+        )
+    _check_units(recording, np.arange(first_s + 1.0, last_s - 1.0, 0.5))
+    return recording
+
+
+def _check_units(recording: Recording, time_s: Floats) -> None:
+    """Compare each velocity with the slope of its integral. Raises UserError for another unit, axis or sign."""
+    has = recording.channels
+    if "yaw_rate" in has:
+        slope = _rate({"yaw": has["yaw"]}, "yaw_rate", "yaw", time_s)
+        _compare(recording.source, "yaw_rate", "yaw", has["yaw_rate"].smooth(time_s), slope, 0.05)
+    if "north" in has and ("surge" in has or "vel_north" in has):
+        motion = recording.motion_at(time_s)
+        slopes = [_rate({at: has[at]}, name, at, time_s) for name, at in _OVER_GROUND]
+        cos, sin = np.cos(motion[:, 2]), np.sin(motion[:, 2])
+        along = cos * slopes[0] + sin * slopes[1]
+        names = ("surge", "north, east and yaw") if "surge" in has else ("vel_north, vel_east", "north and east")
+        _compare(recording.source, *names, motion[:, 3], along, 0.2)
+
+
+def _compare(source: str, name: str, other: str, values: Floats, slope: Floats, least: float) -> None:
+    if np.std(slope) < least and np.std(values) < least:
+        return
+    ratio = float(values @ slope / max(float(slope @ slope), 1e-12))
+    agreement = float(values @ slope / max(np.sqrt(float(values @ values) * float(slope @ slope)), 1e-12))
+    if not 1.0 / _FACTOR < ratio < _FACTOR or agreement < 0.7:
+        raise UserError(
+            f"{source}: {name} is {ratio:.3g} times the rate of {other} (correlation {agreement:.2f}); "
+            "correct the unit, the sign or the column of one of them"
+        )

@@ -1,0 +1,147 @@
+"""Recordings from tables of comma-separated values, by a map of their columns."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+
+from sim_core.keys import Items, Specification, SpecificationError
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.identify.recording import Channel, Floats, Quantity, Recording, channel
+from xitl_cli.profile.files.yaml_file import read_yaml
+from xitl_cli.profile.reader import read_group
+
+_FACTORS = {
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "m/s": 1.0, "kn": 1852.0 / 3600.0,
+    "rad": 1.0, "deg": np.pi / 180.0, "rad/s": 1.0, "deg/s": np.pi / 180.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColumnSpec(Specification):
+    """A column of the table with its unit."""
+
+    column: str
+    unit: Literal["s", "ms", "us", "ns", "m", "m/s", "kn", "rad", "deg", "rad/s", "deg/s"]
+    reversed: Annotated[bool, "for an axis in the other direction"] = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandSpec(Specification):
+    """A column of a command: (value - neutral) / (full - neutral)."""
+
+    column: str
+    neutral: float = 0.0
+    full: Annotated[float, "value at full ahead, or at full angle to starboard"] = 1.0
+    astern: Annotated[float | None, "value at full astern; null: as far from neutral as `full`"] = None
+    dead: Annotated[float, "values this close to neutral are neutral"] = 0.0
+    law: Annotated[Literal["speed", "thrust"], "thrust: the value is a thrust, and the speed is its root"] = "speed"
+
+    def check(self) -> None:
+        if self.full == self.neutral or self.astern == self.neutral:
+            raise SpecificationError(("full",), f"or astern equals neutral ({self.neutral:g}); give the value at full")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColumnMap(Specification):
+    """Which column of a table is which quantity. Yaw is from north, clockwise; sway and yaw_rate are to starboard."""
+
+    time: ColumnSpec
+    yaw: ColumnSpec
+    north: ColumnSpec | None = None
+    east: ColumnSpec | None = None
+    vel_north: ColumnSpec | None = None
+    vel_east: ColumnSpec | None = None
+    yaw_rate: ColumnSpec | None = None
+    surge: ColumnSpec | None = None
+    sway: ColumnSpec | None = None
+    commands: Annotated[tuple[CommandSpec, ...], Items(1, 32)]
+
+    def check(self) -> None:
+        for first, second in (("north", "east"), ("vel_north", "vel_east"), ("surge", "sway")):
+            if (getattr(self, first) is None) != (getattr(self, second) is None):
+                raise SpecificationError((first,), f"and {second} belong together; give both or neither")
+        if self.surge is None and self.vel_north is None and self.north is None:
+            raise SpecificationError(
+                (), "has no motion; give north and east, vel_north and vel_east, or surge and sway"
+            )
+
+
+def read_column_map(path: Path) -> ColumnMap:
+    """Raises UserError with file, line and key."""
+    return read_group(read_yaml(path, str(path)), ColumnMap, str(path))
+
+
+def read_table(path: Path, columns: ColumnMap) -> Recording:
+    """Read a table. Rows with an empty or invalid cell of a quantity are left out for this quantity.
+
+    Raises UserError with file and column.
+    """
+    table = _columns(path)
+    time_s = _numbers(path, table, columns.time.column) * _FACTORS[columns.time.unit]
+    back = np.flatnonzero(np.diff(time_s) < 0.0)
+    if len(back):
+        raise UserError(
+            f"{path}: column {columns.time.column!r} goes from {time_s[back[0]]:g} s back to {time_s[back[0] + 1]:g} s "
+            f"in row {back[0] + 3}; sort the rows by time, and give each run its own file"
+        )
+    channels: dict[Quantity, Channel] = {}
+    for field in fields(columns):
+        spec = getattr(columns, field.name)
+        if isinstance(spec, ColumnSpec) and field.name != "time":
+            values = _numbers(path, table, spec.column) * _FACTORS[spec.unit] * (-1.0 if spec.reversed else 1.0)
+            good = np.isfinite(values) & np.isfinite(time_s) & (np.diff(time_s, prepend=-np.inf) > 0.0)
+            if np.count_nonzero(good) < 2:
+                raise UserError(
+                    f"{path}: column {spec.column!r} has {np.count_nonzero(good)} numbers; check the column"
+                )
+            values = np.unwrap(values[good]) if field.name == "yaw" else values[good]
+            channels[field.name] = channel(time_s[good], values)  # type: ignore[index]
+    commands = np.stack([_command(spec, _numbers(path, table, spec.column)) for spec in columns.commands], axis=1)
+    good = np.isfinite(commands).all(axis=1) & (np.diff(time_s, prepend=-np.inf) > 0.0)
+    return Recording(str(path), channels, time_s[good], commands[good])
+
+
+def _columns(path: Path) -> dict[str, list[str]]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.reader(file))
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except (UnicodeDecodeError, csv.Error):
+        raise UserError(
+            f"{path} is no table of comma-separated values; give a .csv, or a log without --columns"
+        ) from None
+    if len(rows) < 3:
+        raise UserError(f"{path}: has {max(len(rows) - 1, 0)} rows of data; use a table with names in its first row")
+    names = [name.strip() for name in rows[0]]
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(names):
+            raise UserError(f"{path}:{number}: has {len(row)} cells, but the first row has {len(names)}; write as many")
+    return {name: list(cells) for name, cells in zip(names, zip(*rows[1:], strict=True), strict=True)}
+
+
+def _numbers(path: Path, table: dict[str, list[str]], name: str) -> Floats:
+    if name not in table:
+        raise UserError(f"{path}: has no column {name!r}; its columns are {', '.join(filter(None, table))}")
+    return np.array([_number(cell) for cell in table[name]])
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
+
+
+def _command(spec: CommandSpec, values: Floats) -> Floats:
+    offset = np.where(np.abs(values - spec.neutral) <= spec.dead, 0.0, values - spec.neutral)
+    full = spec.full - spec.neutral
+    astern = -full if spec.astern is None else spec.astern - spec.neutral
+    share = np.where(offset * full >= 0.0, offset / full, -offset / astern)
+    share = np.clip(share, -1.0, 1.0)
+    return np.sign(share) * np.sqrt(np.abs(share)) if spec.law == "thrust" else share

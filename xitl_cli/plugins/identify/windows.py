@@ -1,0 +1,189 @@
+"""Short windows of recordings, and their simulation with sim_core: all windows are rows of one batch.
+
+The simulation is in axes that drift with the water, so that a uniform current enters the measurements alone. Wind is
+relative to the water.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_core.environment.spec import Water
+from sim_core.environment.waves import StillHull
+from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.motion import Influences, MotionStep, surroundings
+from sim_core.vessel.spec import VesselSpec
+from sim_core.vessel.vessel import Vessel, at_rest, with_half_change
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.identify.recording import QUANTITIES, Floats, Recording
+
+OUTPUT_S = 0.04
+"""Interval of the simulated motion."""
+COMMAND_S = 0.02
+"""Interval of the commands: their mean over each is what the actuators follow."""
+HISTORY_S = 2.0
+"""Time before a window in which the actuators follow the commands, so that they begin it with their true speeds."""
+_STRIPS = 4
+_SMALLEST_STEP_S = 0.02 / 16
+NAMES = tuple(QUANTITIES)
+OF_POSITION = tuple(NAMES.index(name) for name in ("north", "east"))
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Equally long windows of several recordings, and all samples in them, in the order of the windows."""
+
+    recordings: tuple[Recording, ...]
+    of: NDArray[np.intp]
+    """(W,) number of the recording of each window."""
+    start_s: Floats
+    """(W,) on the time of its recording."""
+    length_s: float
+    window: NDArray[np.intp]
+    """(M,) window of each sample."""
+    quantity: NDArray[np.intp]
+    """(M,) number in NAMES."""
+    offset_s: Floats
+    """(M,) since the start of the window."""
+    values: Floats
+    """(M,)."""
+
+    def __len__(self) -> int:
+        return len(self.start_s)
+
+    def commands(self, delay_s: float) -> Floats:
+        """Return the commands from HISTORY_S before each window to its end, delayed, (W, steps, C)."""
+        steps = round((HISTORY_S + self.length_s) / COMMAND_S)
+        edges = np.arange(steps + 1) * COMMAND_S - HISTORY_S - delay_s
+        parts = [
+            recording.mean_commands(self.start_s[self.of == number, None] + edges)
+            for number, recording in enumerate(self.recordings)
+        ]
+        return np.concatenate(parts)
+
+    def starts(self) -> Floats:
+        """Return the measured motion at the start of each window, (W, 6)."""
+        return np.concatenate(
+            [own.motion_at(self.start_s[self.of == number]) for number, own in enumerate(self.recordings)]
+        )
+
+
+def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None = None) -> Windows:
+    """Cut recordings into windows, one after the other or every `every_s`.
+
+    Windows with gaps are left out, and those in which the boat only drifts.
+
+    Raises UserError when no window remains.
+    """
+    of, starts = [], []
+    for number, recording in enumerate(recordings):
+        first_s, last_s = recording.span_s
+        start_s = np.arange(first_s + HISTORY_S, last_s - length_s, every_s or length_s)
+        start_s = start_s[~recording.broken(start_s, length_s)]
+        start_s = start_s[~recording.idle(start_s, length_s)]
+        of.append(np.full(len(start_s), number))
+        starts.append(start_s)
+    start_s, numbers = np.concatenate(starts), np.concatenate(of).astype(np.intp)
+    if not len(start_s):
+        longest = max(last - first for first, last in (own.span_s for own in recordings))
+        raise UserError(
+            f"{recordings[0].source}: no part of {length_s:g} s is without a gap of 1 s (the longest log has "
+            f"{longest:.0f} s); record without interruption, or use a shorter --window"
+        )
+    samples = []
+    for window, (number, begin_s) in enumerate(zip(numbers, start_s, strict=True)):
+        for name, own in recordings[number].channels.items():
+            rows = slice(*np.searchsorted(own.time_s, (begin_s, begin_s + length_s - OUTPUT_S)))
+            count = len(own.time_s[rows])
+            code = np.full(count, NAMES.index(name))
+            samples.append((np.full(count, window), code, own.time_s[rows] - begin_s, own.values[rows]))
+    columns = [np.concatenate(parts) for parts in zip(*samples, strict=True)]
+    return Windows(tuple(recordings), numbers, start_s, length_s, *columns)
+
+
+class Plant:
+    """Simulates many windows at once with the model of sim_core in still water."""
+
+    def __init__(self, water: Water) -> None:
+        self._water = water
+        self._step_s = COMMAND_S
+
+    def motion(self, spec: VesselSpec, starts: Floats, commands: Floats, wind_ne_mps: Floats) -> Floats:
+        """Return (K, R, 6) north, east, yaw, velocity north and east, and yaw rate at every OUTPUT_S.
+
+        starts: (R, 4) yaw, velocity ahead and to starboard, yaw rate. commands: (R, steps, C), see `Windows.commands`.
+        """
+        planar = _with_few_strips(spec)
+        while True:
+            try:
+                vessel = Vessel.from_spec(planar, self._water, self._step_s)
+                break
+            except ValueError as error:
+                if self._step_s < _SMALLEST_STEP_S:
+                    raise UserError(f"the model cannot be simulated ({error}); begin with other values") from error
+                self._step_s *= 0.5
+        return _simulated(vessel, starts, commands, wind_ne_mps)
+
+
+def _with_few_strips(spec: VesselSpec) -> VesselSpec:
+    """Return the vessel with at most four strips along a hull: in still water, more hardly change trim and heel."""
+    hull = None if spec.hull is None else replace(spec.hull, strips=min(spec.hull.strips, _STRIPS))
+    return replace(spec, hull=hull, hulls=tuple(replace(own, strips=min(own.strips, _STRIPS)) for own in spec.hulls))
+
+
+def _simulated(vessel: Vessel, starts: Floats, commands: Floats, wind_ne_mps: Floats) -> Floats:
+    rows, steps, _ = commands.shape
+    history, repeats = round(HISTORY_S / COMMAND_S), round(COMMAND_S / vessel.dt_s)
+    # Actuators before the window
+    state = at_rest(vessel, np.zeros((rows, 2)), starts[:, 0])
+    actuators = commands[:, 0].copy()
+    for step in range(history):
+        for _ in range(repeats):
+            actuators = vessel.propulsion.spin(actuators, commands[:, step])
+    # Motion at its start
+    yaw, ahead, right, rate = starts.T
+    motion = state.motion
+    euler = np.zeros((rows, 3))
+    euler[:, :2], euler[:, 2] = (vessel.rest.heel_rad, vessel.rest.trim_rad), yaw
+    velocity = np.stack([np.cos(yaw) * ahead - np.sin(yaw) * right, np.sin(yaw) * ahead + np.cos(yaw) * right], axis=1)
+    quat = euler_to_quat(euler)
+    motion = replace(
+        motion,
+        vel_ned_mps=np.column_stack([velocity, np.zeros(rows)]),
+        quat_ned_frd=quat,
+        rot_ned_frd=quat_to_matrix(quat),
+        gyro_frd_radps=np.column_stack([np.zeros((rows, 2)), rate]),
+    )
+    step_motion = MotionStep(vessel, StillHull(len(vessel.buoyancy.points_frd_m)))
+    still = np.zeros((rows, 3))
+    wind = np.column_stack([wind_ne_mps, np.zeros(rows)])
+    around = Influences(0.0, 0.0, still, wind, np.zeros((rows, 2)), commands[:, history], None)
+    state = replace(state, motion=motion, rotor_speed=actuators)
+    state = with_half_change(vessel, state, surroundings(vessel, step_motion.hull_waves, motion, around))
+    # Steps
+    every = round(OUTPUT_S / COMMAND_S)
+    results = np.empty(((steps - history) // every + 1, rows, 6))
+    for number, step in enumerate(range(history, steps)):
+        if number % every == 0:
+            _note(results[number // every], state.motion)
+        around = replace(around, command=commands[:, step])
+        for _ in range(repeats):
+            state = step_motion.step(state, around).vessel
+    if (steps - history) % every == 0:
+        _note(results[-1], state.motion)
+    results[:, :, 2] = np.unwrap(results[:, :, 2], axis=0)
+    results[:, :, 2] += np.round((yaw - results[0, :, 2]) / (2.0 * np.pi)) * 2.0 * np.pi
+    return results[: (steps - history) // every + 1]
+
+
+def _note(row: Floats, motion: object) -> None:
+    """Write north, east, yaw, velocity and rate of the yaw."""
+    rot, gyro = motion.rot_ned_frd, motion.gyro_frd_radps  # type: ignore[attr-defined]
+    row[:, :2] = motion.pos_ned_m[:, :2]  # type: ignore[attr-defined]
+    row[:, 2] = np.arctan2(rot[:, 1, 0], rot[:, 0, 0])
+    row[:, 3:5] = motion.vel_ned_mps[:, :2]  # type: ignore[attr-defined]
+    row[:, 5] = gyro[:, 2]
