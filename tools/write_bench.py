@@ -61,7 +61,7 @@ SPEED = (
     ),
     Row("`sitl-ardupilot`", "{}× real time", ("sitl-ardupilot at 1200 frames a second",)),
     Row(
-        "its speed, compared with a bare echo of ArduPilot's frames", "{} times the echo",
+        "the speed of `sitl-ardupilot`, compared with a bare echo of ArduPilot's frames", "{} times the echo",
         ("sitl-ardupilot, of a bare echo of the frames",),
     ),
     Row(
