@@ -60,6 +60,18 @@ SPEED = (
         ("sitl-perception with recording and KISS-ICP",),
     ),
     Row("`sitl-ardupilot`", "{}× real time", ("sitl-ardupilot at 1200 frames a second",)),
+    Row(
+        "the speed of `sitl-ardupilot`, compared with a bare echo of ArduPilot's frames", "{} times the echo",
+        ("sitl-ardupilot, of a bare echo of the frames",),
+    ),
+    Row(
+        "60 s of `sitl-ardupilot`: processor time, with ArduPilot", "{} s",
+        ("sitl-ardupilot, 60 s: processor time",),
+    ),
+    Row(
+        "60 s of `sitl-ardupilot-fast`: processor time, with ArduPilot", "{} s",
+        ("sitl-ardupilot-fast, 60 s: processor time",),
+    ),
     Row("`sitl-px4`", "{}× real time", ("sitl-px4",)),
     Row(
         "the lidar alone: 100 000 points/s into 113 640 triangles, one core", "{}× real time",

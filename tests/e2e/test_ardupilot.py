@@ -43,6 +43,24 @@ def check_times(autopilot: dict[str, Any]) -> None:
     assert 5.0 < times[2] < 120.0  # its estimator takes some 40 s to align
 
 
+def check_no_stall(run: Path) -> None:
+    """It repeats a request that nobody answers for a second, and says so."""
+    assert "resending servos" not in (run / "autopilot" / "console.txt").read_text()
+
+
+def test_fewer_frames_and_exchanges_sail_the_mission_too(xitl: Xitl, tmp_path: Path) -> None:
+    told = json.loads(sim(xitl, "--profile", "sitl-ardupilot-fast", "--json").stdout)
+    assert told["mission"]["completed"]
+    assert told["mission"]["cross_track_rms_m"] < 1.0
+    assert told["estimation"]["position_rms_m"] < 0.5
+    bridge = told["autopilot"]["bridge"]
+    assert bridge["world_rate"] == 400
+    assert bridge["world_in"] < 500 * told["duration_s"]  # it requests 1200 a second during its first seconds
+    assert bridge["world_lost"] == bridge["world_resent"] == 0
+    assert told["autopilot"]["scheduler"]["long_loops"] == 0
+    check_no_stall(tmp_path / "run")
+
+
 @pytest.mark.parametrize(("profile", "off_m"), [("sitl-ardupilot", 0.5), ("sitl-ardupilot-ahrs", 1.5)])
 def test_the_mission_closes_in_lockstep(xitl: Xitl, tmp_path: Path, profile: str, off_m: float) -> None:
     result = sim(xitl, "--profile", profile, "--json")
@@ -57,6 +75,7 @@ def test_the_mission_closes_in_lockstep(xitl: Xitl, tmp_path: Path, profile: str
     assert bridge["world_rate"] == 1200
     assert bridge["world_in"] == pytest.approx(1200 * told["duration_s"], abs=1200)
     assert bridge["world_lost"] == bridge["world_resent"] == bridge["restarts"] == 0
+    check_no_stall(tmp_path / "run")
     if profile.endswith("ahrs"):
         assert bridge["imu_out"] == pytest.approx(200 * told["duration_s"], rel=0.05)
         assert bridge["gnss_out"] == pytest.approx(5 * told["duration_s"], rel=0.05)

@@ -13,7 +13,7 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.spec import CurrentSpec, GustSpec, Water, WaveSpec, WindSpec
 from sim_core.environment.waves import realise_waves
 from sim_core.environment.wind import Wind
-from sim_core.simulation import Simulation, SimulationState, elevation_m, initial, step
+from sim_core.simulation import Simulation, SimulationState, elevation_m, hold, initial, step
 from sim_core.vessel.spec import Damping
 
 WATER = Water(level_m=-0.01)
@@ -71,6 +71,22 @@ def test_a_batch_equals_single_runs() -> None:
     for i, state in enumerate(singles):
         for together, alone in zip(arrays(batch), arrays(state), strict=True):
             np.testing.assert_allclose(together[i], alone[0], atol=2e-5)
+
+
+def test_a_held_vessel_sails_on_as_after_steps_whose_motion_was_discarded() -> None:
+    ways = []
+    for frozen in (hold, lambda simulation, state, rng: step(simulation, state, np.array([[0.8, 0.6]]), rng)):
+        simulation, rng = rough(6)
+        state = initial(simulation, np.zeros((1, 2)), np.zeros(1), rng)
+        for _ in range(203):  # ends between two updates of the mean force
+            state = replace(frozen(simulation, state, rng), vessel=state.vessel)
+        for _ in range(100):
+            state = step(simulation, state, np.array([[0.8, 0.6]]), rng)
+        ways.append(state)
+    held, discarded = ways
+    assert held.time_ns == discarded.time_ns
+    for a, b in zip(arrays(held), arrays(discarded), strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_step_leaves_its_arguments_alone() -> None:
