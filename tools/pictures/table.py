@@ -68,4 +68,5 @@ PICTURES: dict[str, Maker] = {
     "perception.png": plots.perception,
     "learning.png": plots.learning,
     "identify.png": plots.identification,
+    "twin.png": plots.twin,
 }
