@@ -225,6 +225,7 @@ OWN_PLUGIN_COMMANDS = {
     "map": "perception",
     "paper": "figures",
     "params": "",
+    "twin": "",
     "validate": "",
     "vehicle": "",
     "view": "view",
