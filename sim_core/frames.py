@@ -8,11 +8,12 @@ Every function takes and returns batches: `(..., 3)`, `(..., 4)` or `(..., 3, 3)
 from __future__ import annotations
 
 import numpy as np
-from numpy import float32, float64
+from numpy import complex128, float32, float64
 from numpy.typing import NDArray
 
 Array = NDArray[float64]
 Array32 = NDArray[float32]
+ComplexArray = NDArray[complex128]
 
 _NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _FRD_FLU = np.diag([1.0, -1.0, -1.0])

@@ -95,8 +95,9 @@ class Simulation:
 
 def _waves_at(vessel: Vessel, waves: WaveField | FlatWater) -> tuple[HullWaves | StillHull, Array]:
     """Return the sampler of a sea at the hull, and the (2,) wave drift of the water over the draft."""
-    hulls = vessel.buoyancy
-    return waves.at_hull(hulls.points_frd_m, hulls.point_share), waves.shear_drift_ne_mps(vessel.rest.draft_m)
+    hulls, seakeeping = vessel.buoyancy, vessel.seakeeping
+    felt = seakeeping.felt(waves) if seakeeping is not None and isinstance(waves, WaveField) else None
+    return waves.at_hull(hulls.points_frd_m, hulls.point_share, felt), waves.shear_drift_ne_mps(vessel.rest.draft_m)
 
 
 @state_class

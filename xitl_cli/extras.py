@@ -48,4 +48,5 @@ FIGURES = Extra("figures", ("matplotlib",), "figures of the paper's experiments,
 ROS2 = Extra("ros2", ("cyclonedds",), "topics for ROS 2 where none is sourced")
 GYM = Extra("gym", ("gymnasium",), "learning environments: xitl.make_env, xitl.make_vec_env")
 IDENTIFY = Extra("identify", ("scipy",), "system identification: xitl identify")
-EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW, FIGURES, ROS2, GYM, IDENTIFY)
+BEM = Extra("bem", ("capytaine",), "wave forces of a hull by a panel code: xitl vehicle hydrodynamics")
+EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW, FIGURES, ROS2, GYM, IDENTIFY, BEM)

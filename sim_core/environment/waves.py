@@ -24,7 +24,7 @@ import numpy as np
 from numpy.random import Generator
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
-from sim_core.frames import Array
+from sim_core.frames import Array, ComplexArray
 from sim_core.state_class import state_class
 
 LOWEST_OF_PEAK = 0.5  # lower limit of the band, in units of the peak frequency; the energy outside moves into the band
@@ -43,12 +43,28 @@ class FlatWater:
         """Return zeros (2,)."""
         return np.zeros(2)
 
-    def at_hull(self, points_frd_m: Array, share: Array | None = None) -> StillHull:
+    def at_hull(self, points_frd_m: Array, share: Array | None = None, felt: FeltWaves | None = None) -> StillHull:
         """Return a sampler for a hull of (S, 3) points."""
         return StillHull(len(points_frd_m))
 
 
 FLAT_WATER = FlatWater()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeltWaves:
+    """How a hull of S points feels the W components of a sea."""
+
+    vertical: Array
+    """Share of the elevation, and of the vertical motion, that acts on the bottoms of the hulls, (W,)."""
+    horizontal: Array
+    """Share of the slope, and of the horizontal motion, as a mean over the displaced volume, (W,)."""
+    sources: ComplexArray | None = None
+    """Force of a panel code less that of the strips, per metre of amplitude, (W, S + E, 6), complex, about the phase at
+    each point and at E more points; None without a panel code.
+    """
+    more_points_frd_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """(E, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,11 +126,11 @@ class WaveField:
         drift: Array = (GRAVITY_MPS2 * self.amplitude_m / self.omega_radps)[:, None] * self.wave_vector_radpm
         return drift
 
-    def at_hull(self, points_frd_m: Array, share: Array | None = None) -> HullWaves:
+    def at_hull(self, points_frd_m: Array, share: Array | None = None, felt: FeltWaves | None = None) -> HullWaves:
         """Return a sampler for a hull of (S, 3) points. share: (S,) weight of each point in means, None for equal
-        weights.
+        weights. felt: None for the waves at the surface.
         """
-        return HullWaves.bind(self, points_frd_m, share)
+        return HullWaves.bind(self, points_frd_m, share, felt)
 
     def shear_drift_ne_mps(self, draft_m: float) -> Array:
         """Return the (2,) part of the Stokes drift that the growth of the orbital velocity with height causes.
@@ -237,9 +253,11 @@ class HullSurface:
     """The surface at N hulls of S points. Velocities of the water exclude its current."""
 
     point_elevation_m: Array
-    """Elevation above the still level, (N, S), up positive."""
+    """Elevation above the still level, (N, S), up positive, as the bottoms of the hulls feel it."""
     over_hull: Array
-    """Means over the points of each hull, (N, 15). The properties below are its parts."""
+    """Means over the points of each hull, (N, 15), or (N, 21) with forces of a panel code. The properties below are its
+    parts.
+    """
     tide_m: float = 0.0
     """Height of the still level above its mean."""
 
@@ -273,6 +291,11 @@ class HullSurface:
         """Return the (N, 3) rise per metre forward and right of the plane fitted to the elevations; the third is 0."""
         return self.over_hull[:, 12:15]
 
+    @property
+    def panel_wrench_frd(self) -> Array:
+        """Return the (N, 6) force and moment of a panel code less those of the strips."""
+        return self.over_hull[:, 15:]
+
 
 @dataclass(frozen=True, slots=True)
 class StillHull:
@@ -300,35 +323,52 @@ class HullWaves:
     of_sines: Array  # (W, 3): vertical velocity, slope to north, slope to east
     over_cosines: Array  # (4 S, 15)
     over_sines: Array  # (3 S, 15)
+    points: int  # of the hull, at which the elevation is returned
+    panel_cosines: Array | None = None  # (S W, 6)
+    panel_sines: Array | None = None  # (S W, 6)
 
     @classmethod
-    def bind(cls, waves: WaveField, points_frd_m: Array, share: Array | None = None) -> HullWaves:
+    def bind(
+        cls, waves: WaveField, points_frd_m: Array, share: Array | None = None, felt: FeltWaves | None = None
+    ) -> HullWaves:
         """Compute the constants of `sample`; see `WaveField.at_hull`."""
         points = len(points_frd_m)
         mean = np.full(points, 1.0 / points) if share is None else share
         amplitude_m, omega = waves.amplitude_m, waves.omega_radps
+        felt = felt or FeltWaves(np.ones(len(omega)), np.ones(len(omega)))
+        vertical_m, horizontal = felt.vertical * amplitude_m, felt.horizontal[:, None]
+        panel_cosines = panel_sines = None
+        if felt.sources is not None:  # a Re(c exp(i theta))
+            sources = (amplitude_m[:, None, None] * felt.sources).swapaxes(0, 1).reshape(-1, 6)
+            panel_cosines, panel_sines = sources.real.copy(), -sources.imag
         # Least-squares plane through the points: rows 1 and 2 of the pseudo-inverse are its slopes forward and right.
         # It pitches as it rises forward and rolls as it falls to the right.
         weight = np.sqrt(mean)
         plane = np.linalg.pinv(weight[:, None] * np.column_stack([np.ones(points), points_frd_m[:, :2]])) * weight
         roll_pitch = np.stack([-plane[2], plane[1]], axis=1)
-        over_cosines, over_sines = np.zeros((points, 4, 15)), np.zeros((points, 3, 15))
-        over_cosines[:, 2, 0] = over_cosines[:, 3, 1] = over_cosines[:, 1, 11] = mean
-        over_cosines[:, 1, 9:11] = roll_pitch
-        over_cosines[:, 0, 12:14] = plane[1:].T
-        over_sines[:, 0, 2] = -mean
-        over_sines[:, 1, 3] = over_sines[:, 2, 4] = mean
-        over_sines[:, 0, 6:8] = roll_pitch
+        places_frd_m = np.concatenate([points_frd_m, felt.more_points_frd_m])
+        over_cosines, over_sines = np.zeros((len(places_frd_m), 4, 15)), np.zeros((len(places_frd_m), 3, 15))
+        over_cosines[:points, 2, 0] = over_cosines[:points, 3, 1] = over_cosines[:points, 1, 11] = mean
+        over_cosines[:points, 1, 9:11] = roll_pitch
+        over_cosines[:points, 0, 12:14] = plane[1:].T
+        over_sines[:points, 0, 2] = -mean
+        over_sines[:points, 1, 3] = over_sines[:points, 2, 4] = mean
+        over_sines[:points, 0, 6:8] = roll_pitch
         turn = 2.0 * math.pi
         return cls(
             turns_per_m=waves.wave_vector_radpm.T / turn,
             turns_per_s=waves.apparent_omega_radps / turn,
             turns=waves.phase_rad / turn,
-            lever=np.einsum("wi,sj->ijsw", waves.wave_vector_radpm, points_frd_m).reshape(6, -1),
-            of_cosines=np.column_stack([amplitude_m, -amplitude_m * omega**2, waves.drift_mps]),
-            of_sines=np.column_stack([amplitude_m * omega, -amplitude_m[:, None] * waves.wave_vector_radpm]),
+            lever=np.einsum("wi,sj->ijsw", waves.wave_vector_radpm, places_frd_m).reshape(6, -1),
+            of_cosines=np.column_stack([vertical_m, -vertical_m * omega**2, horizontal * waves.drift_mps]),
+            of_sines=np.column_stack(
+                [vertical_m * omega, -horizontal * amplitude_m[:, None] * waves.wave_vector_radpm]
+            ),
             over_cosines=over_cosines.reshape(-1, 15),
             over_sines=over_sines.reshape(-1, 15),
+            points=points,
+            panel_cosines=panel_cosines,
+            panel_sines=panel_sines,
         )
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
@@ -354,8 +394,14 @@ class HullWaves:
         wave += turns[:, None, :]
         # Sums of the components
         rows = wave.reshape(-1, components)  # one product for all vessels takes half the time of a product per vessel
-        cosines = (np.cos(rows) @ self.of_cosines).reshape(vessels, -1)
-        sines = np.sin(rows) @ self.of_sines
+        cosine, sine = np.cos(rows), np.sin(rows)
+        cosines = (cosine @ self.of_cosines).reshape(vessels, -1)
+        sines = sine @ self.of_sines
         over_hull = cosines @ self.over_cosines
         over_hull += sines.reshape(vessels, -1) @ self.over_sines
-        return cosines[:, :: self.of_cosines.shape[1]], over_hull
+        if self.panel_cosines is not None and self.panel_sines is not None:
+            wrench = cosine.reshape(vessels, -1) @ self.panel_cosines
+            wrench += sine.reshape(vessels, -1) @ self.panel_sines
+            over_hull = np.concatenate((over_hull, wrench), axis=1)
+        columns = self.of_cosines.shape[1]
+        return cosines[:, : self.points * columns : columns], over_hull

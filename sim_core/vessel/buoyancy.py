@@ -303,6 +303,28 @@ def make_buoyancy(model: VesselSpec, water: Water) -> Buoyancy:
     return (RoundHulls if plain and beside else SectionHulls).from_spec(model, water)
 
 
+def wave_shares(model: VesselSpec, depth_m: float, wave_number_radpm: Array) -> tuple[Array, Array]:
+    """Return (W,), (W,): the shares of waves in deep water that act on the bottoms, and in the displaced volume.
+
+    The pressure of a wave decays with the depth as exp(-k d): the first is its mean over the waterplane, taken along
+    the hulls below (Smith 1883), and the second its mean over the volume. depth_m: depth of the body's origin at rest.
+    """
+    parts = [_cut_hull(number, hull) for number, hull in enumerate(model.demi_hulls)]
+    felt, waterplane_m2, volume_m3 = np.zeros(len(wave_number_radpm)), 0.0, 0.0
+    k = np.maximum(wave_number_radpm, 1e-9)[:, None, None]
+    for part in parts:
+        depth = part.corners_m[..., 1] + depth_m
+        wet, start, end = _wet_share(depth)
+        across = np.diff(part.corners_m[..., 0], axis=1) * wet * part.length_m[:, None]
+        # Integral of exp(-k d) along the wet part of each edge
+        higher, span = np.minimum(start, end), np.maximum(k * np.abs(end - start), 1e-9)
+        felt += (across * np.exp(-k * higher) * -np.expm1(-span) / span).sum(axis=(1, 2))
+        waterplane_m2 += float(across.sum())
+        volume_m3 += float((across * 0.5 * (start + end)).sum())
+    vertical = felt / waterplane_m2
+    return vertical, (waterplane_m2 - felt) / (k[:, 0, 0] * volume_m3)
+
+
 def check_reserve(model: VesselSpec, water: Water, volume_m3: float) -> None:
     """Raises SpecificationError for a vessel that is heavier than the water its submerged hulls displace."""
     carried_kg = water.density_kgpm3 * volume_m3

@@ -1,15 +1,16 @@
 """Mean force of the waves on a hull, of second order in their height, always in their direction; docs/seas.md.
 
-The force has two parts, as in the methods for added resistance (ITTC 7.5-02-07-02.8). A hull that moves relative to the
-water takes power P out of the waves, and with it their momentum, P k / omega (Gerritsma and Beukelman 1972; Maruo's
-formula for radiated waves). Its sides and ends reflect short waves. Maruo (1960) derived the force rho g a_R^2 / 2 per
-metre of wall, and Faltinsen et al. (1980) integrated it along a waterline of any shape:
+At rest, the force is that of a table over frequency and direction: that of a panel code, or, without one, that of the
+reflected waves. Maruo (1960) derived the force rho g a_R^2 / 2 per metre of wall, and Faltinsen et al. (1980)
+integrated it along a waterline of any shape:
 
     rho g a^2 / 2  alpha  integral (e . n)^2 (-n) dl
 
-over the part that faces the waves, with its outward normal n and the wave direction e. alpha = (a_R / a)^2 for the ends
-is that of a vertical barrier as deep as the hull (Ursell 1947; Fujii and Takahashi 1975). For the sides it is that of a
-floating box (Macagno 1954). Each hull transmits the waves that it does not reflect.
+over the part that faces the waves, with its outward normal n and the wave direction e. alpha = (a_R / a)^2 is that of a
+vertical barrier as deep as the hull (Ursell 1947; Fujii and Takahashi 1975).
+
+Under way, the hull takes more power P out of the waves, and with it their momentum, P k / omega (Gerritsma and
+Beukelman 1972), and it meets more of the reflected waves.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.environment.waves import HullSurface, WaveField
+from sim_core.environment.spec import GRAVITY_MPS2
+from sim_core.environment.waves import FeltWaves, HullSurface, WaveField
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.vessel.spec import DemiHull, VesselSpec
+from sim_core.vessel.panel_tables import at_frequencies
+from sim_core.vessel.spec import Damping, DemiHull, VesselSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,20 @@ class NoDrift:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class DriftTable:
+    """Mean force at rest per square metre of amplitude, for K frequencies and D directions of the waves."""
+
+    omega_radps: Array
+    """Frequencies, rising, (K,)."""
+    direction_rad: Array
+    """Directions that the waves travel to, clockwise from the bow, in equal steps from 0, (D,)."""
+    force_frd_n: Array
+    """Force forward and right, (K, D, 2)."""
+    power_w: Array
+    """Power that linear damping takes out of the waves, (K, D)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MeanDrift:
     """Constants of one vessel in one sea.
 
@@ -44,60 +60,60 @@ class MeanDrift:
 
     linear: Array  # (3,) damping in heave, roll and pitch
     quadratic: Array  # (3,)
-    along_ned: Array  # (3, 3) rows: k / omega of the sea along its waves; reflection by ends and by sides, in N/m2
+    along_ned: Array  # (3,) k / omega of the sea along its waves
+    harmonics: Array  # (M,) of the heading
+    of_cosines: Array  # (M, 3): force forward and right, and power, per mean square of the elevation
+    of_sines: Array  # (M, 3)
 
     @classmethod
-    def from_parts(
-        cls, model: VesselSpec, waves: WaveField, water: Water, depth_m: float, linear_damping: Array
+    def from_table(
+        cls, table: DriftTable, waves: WaveField, felt: FeltWaves, linear_damping: Array, quadratic: Damping
     ) -> MeanDrift:
-        """Compute the constants. depth_m: depth of the body's origin at rest. linear_damping: (6, 6)."""
-        quadratic = model.damping_quadratic
-        share = waves.amplitude_m**2 / np.sum(waves.amplitude_m**2)
-        wave_number = np.hypot(*waves.wave_vector_radpm.T)
-        course = waves.wave_vector_radpm / wave_number[:, None]
-        drafts_m = [max(hull.keel_frd_m[2] + depth_m, 0.0) for hull in model.demi_hulls]
-        widths_m = [waterline_width_m(hull, draft_m) for hull, draft_m in zip(model.demi_hulls, drafts_m, strict=True)]
-        walls_m = np.array([wall_m(hull, width_m) for hull, width_m in zip(model.demi_hulls, widths_m, strict=True)])
-        ends = sum(
-            along_m * barrier_reflection(wave_number, draft_m)
-            for (along_m, _), draft_m in zip(walls_m, drafts_m, strict=True)
-        )
-        passed = np.prod(
-            [
-                1.0 - box_reflection(wave_number, width_m, draft_m)
-                for width_m, draft_m in zip(widths_m, drafts_m, strict=True)
-            ],
-            axis=0,
-        )
-        sides = walls_m[:, 1].max() * (1.0 - passed)
-        weight = water.density_kgpm3 * GRAVITY_MPS2
-        along = np.zeros((3, 3))
-        along[0, :2] = share @ (waves.wave_vector_radpm / waves.omega_radps[:, None])
-        along[1, :2] = weight * (share * ends) @ course
-        along[2, :2] = weight * (share * sides) @ course
+        """Compute the constants. linear_damping: (6, 6)."""
+        energy = waves.amplitude_m**2
+        of_points = 0.5 * float((energy * felt.vertical**2).sum())  # mean square of what the points feel
+        course = np.arctan2(waves.wave_vector_radpm[:, 1], waves.wave_vector_radpm[:, 0])
+        values = np.concatenate([table.force_frd_n, table.power_w[:, :, None]], axis=2)
+        values = at_frequencies(waves.omega_radps, table.omega_radps, values)
+        # Series in the direction of the waves off the bow, and its sum over the components at heading 0
+        count = len(table.direction_rad)
+        series = np.fft.rfft(values, axis=1) * (2.0 / count)
+        series[:, 0] *= 0.5
+        series[:, -1] *= 0.5 if count % 2 == 0 else 1.0
+        harmonics = np.arange(series.shape[1], dtype=float)
+        total = np.einsum("w,wm,wmi->mi", energy / of_points, np.exp(1j * course[:, None] * harmonics), series)
+        along = np.zeros(3)
+        along[:2] = energy @ (waves.wave_vector_radpm / waves.omega_radps[:, None]) / energy.sum()
         return cls(
             linear=np.diag(linear_damping)[2:5].copy(),
             quadratic=np.array([quadratic.heave, quadratic.roll, quadratic.pitch]),
             along_ned=along,
+            harmonics=harmonics,
+            of_cosines=total.real.copy(),
+            of_sines=total.imag.copy(),
         )
 
     def force_frd_n(self, motion: Kinematics, water_ned_mps: Array, surface: HullSurface) -> Array:
         """Return the (N, 2) force forward and right on N vessels in water that moves at (N, 3)."""
+        # At rest: the table, at this heading and for the waves at the hull now
+        points, rot = surface.point_elevation_m, motion.rot_ned_frd
+        square_m2 = np.vecdot(points, points) / points.shape[1]
+        angle = np.arctan2(rot[:, 1, 0], rot[:, 0, 0])[:, None] * self.harmonics
+        at_rest = np.cos(angle) @ self.of_cosines
+        at_rest += np.sin(angle) @ self.of_sines
+        at_rest *= square_m2[:, None]
+        # Under way: the power beyond that at rest, and shorter waves of encounter
         relative_ned_mps = motion.vel_ned_mps - water_ned_mps
         speed = np.empty_like(relative_ned_mps)
         speed[:, 0] = relative_ned_mps[:, 2]
         np.subtract(motion.gyro_frd_radps[:, :2], surface.turn_frd_radps[:, :2], out=speed[:, 1:])
         square = speed * speed
         power_w = square @ self.linear + (square * np.abs(speed)) @ self.quadratic
-        points = surface.point_elevation_m
-        square_m2 = np.vecdot(points, points) / points.shape[1]
-        headway = relative_ned_mps @ self.along_ned[0]  # relative to the speed of the waves
-        along = self.along_ned @ motion.rot_ned_frd
-        absorbed = power_w / np.maximum(1.0 - headway, 1.0)
-        thrown = square_m2 * np.maximum(1.0 - 2.0 * headway, 0.0)
-        force: Array = absorbed[:, None] * along[:, 0, :2]
-        force[:, 0] += thrown * along[:, 1, 0]
-        force[:, 1] += thrown * along[:, 2, 1]
+        headway = relative_ned_mps @ self.along_ned  # relative to the speed of the waves
+        excess = (power_w - at_rest[:, 2]) / np.maximum(1.0 - headway, 1.0)
+        along = self.along_ned @ rot
+        force: Array = at_rest[:, :2] * np.maximum(1.0 - 2.0 * headway, 0.0)[:, None]
+        force += excess[:, None] * along[:, :2]
         return force
 
 
@@ -115,12 +131,11 @@ def waterline_width_m(hull: DemiHull, draft_m: float) -> float:
     return section.greatest_width_m
 
 
-def wall_m(hull: DemiHull, width_m: float) -> tuple[float, float]:
-    """Return the equivalent wall lengths of a waterline in waves from ahead and from abeam.
+def wall_m(hull: DemiHull, width_m: float, direction_rad: Array) -> Array:
+    """Return the (D, 2) walls, forward and right, to which a waterline is equal in waves from D directions.
 
-    They are the integral of (e . n)^2 (-n) over the part that faces the waves, over all their directions e. The x part
-    is its component with the cosine of the direction, the y part its component with the sine. A wall of length l gives
-    8 / (3 pi) l, a round end of width b gives 2/3 b.
+    It is the integral of (e . n)^2 (-n) over the part that faces the waves. A wall of length l across the waves gives
+    l, a round end of width b gives 2/3 b.
     """
     place, share = np.array(hull.taper).T
     x, half = place * hull.length_m, 0.5 * share * width_m
@@ -128,11 +143,10 @@ def wall_m(hull: DemiHull, width_m: float) -> tuple[float, float]:
     length = np.concatenate([np.hypot(dx, dy), np.hypot(dx, dy), [2.0 * half[0], 2.0 * half[-1]]])
     normal = np.stack([-dy, dx], axis=1) / np.hypot(dx, dy)[:, None]
     normal = np.concatenate([normal, normal * [1.0, -1.0], [[-1.0, 0.0], [1.0, 0.0]]])
-    angle = 2.0 * math.pi * np.arange(180) / 180
-    course = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    course = np.stack([np.cos(direction_rad), np.sin(direction_rad)], axis=1)
     met = np.minimum(course @ normal.T, 0.0) ** 2
-    force = -(met * length) @ normal
-    return tuple((2.0 * (force * course).mean(axis=0)).tolist())
+    walls: Array = -(met * length) @ normal
+    return walls
 
 
 def barrier_reflection(wave_number_radpm: Array, draft_m: float) -> Array:
@@ -149,11 +163,24 @@ def barrier_reflection(wave_number_radpm: Array, draft_m: float) -> Array:
     return share
 
 
-def box_reflection(wave_number_radpm: Array, width_m: float, draft_m: float) -> Array:
-    """Return the share of the energy of deep-water waves that a fixed floating box reflects (Macagno 1954).
+def closed_form_drift(
+    model: VesselSpec, depth_m: float, weight_npm3: float, omega_radps: Array, direction_rad: Array
+) -> Array:
+    """Return the (K, D, 2) mean force per square metre of amplitude on a vessel at rest, by reflection at barriers.
 
-    x^2 / (1 + x^2), x = k b exp(k T) / 2.
+    depth_m: depth of the body's origin at rest. weight_npm3: rho g of the water. Of the waves from abeam, each hull
+    transmits what it does not reflect. The force is never more than that of total reflection.
     """
-    x = 0.5 * wave_number_radpm * width_m * np.exp(np.minimum(wave_number_radpm * draft_m, 20.0))
-    share: Array = x * x / (1.0 + x * x)
-    return share
+    wave_number = omega_radps**2 / GRAVITY_MPS2
+    force = np.zeros((len(omega_radps), len(direction_rad), 2))
+    reflected, passed = np.zeros(len(omega_radps)), np.ones(len(omega_radps))
+    for hull in model.demi_hulls:
+        draft_m = max(hull.keel_frd_m[2] + depth_m, 0.0)
+        share = barrier_reflection(wave_number, draft_m)
+        force = force + share[:, None, None] * wall_m(hull, waterline_width_m(hull, draft_m), direction_rad)
+        reflected, passed = reflected + share, passed * (1.0 - share)
+    # In the lee of other hulls
+    together = (1.0 - passed) / np.maximum(reflected, 1e-300)
+    abeam = np.sin(direction_rad) ** 2
+    total: Array = 0.5 * weight_npm3 * force * (1.0 - abeam + abeam * together[:, None])[:, :, None]
+    return total

@@ -515,6 +515,11 @@ class VesselSpec(Specification):
     centre_of_gravity_frd_m: Annotated[Vector, "position from the body's origin"] = (0.0, 0.0, 0.0)
     hull: Annotated[Hull | None, "a catamaran with two round hulls; null: `hulls` is used"] = None
     hulls: Annotated[tuple[DemiHull, ...], Items(0, 100), "any other hulls, instead of `hull`"] = ()
+    hydrodynamics_file: Annotated[
+        str | None,
+        "wave forces and mean drift of a panel code, written by `xitl vehicle hydrodynamics`: path relative to the "
+        "profile; null: strip theory",
+    ] = None
     added_mass: AddedMass = AddedMass()
     added_mass_matrix: Annotated[Matrix | None, "instead of `added_mass`: six rows of six, positive definite"] = None
     damping_linear: Damping = Damping()

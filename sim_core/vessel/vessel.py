@@ -7,18 +7,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.environment.waves import FLAT_WATER, FlatWater, HullSurface, StillHull, WaveField
-from sim_core.frames import Array, euler_to_quat, quat_to_matrix
+from sim_core.environment.waves import FLAT_WATER, FeltWaves, FlatWater, HullSurface, StillHull, WaveField
+from sim_core.frames import Array, ComplexArray, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.state_class import state_class
 from sim_core.vessel.battery import Battery, BatteryState
-from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy
+from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy, wave_shares
 from sim_core.vessel.condition import Condition, healthy, with_row
 from sim_core.vessel.floating import FloatingPose, floating_pose
 from sim_core.vessel.hydrodynamics import Hydrodynamics, at_table, centre_of_lateral_resistance
+from sim_core.vessel.mean_drift import DriftTable, MeanDrift, NoDrift, closed_form_drift
+from sim_core.vessel.panel_tables import panel_tables_of
 from sim_core.vessel.propulsion import ExtendedPropulsion, OwnPropulsion, make_propulsion
+from sim_core.vessel.seakeeping import (
+    DIRECTIONS,
+    Seakeeping,
+    SmallWaves,
+    between,
+    linear_response,
+    more_points,
+    point_sources,
+)
 from sim_core.vessel.spec import VesselSpec
-from sim_core.vessel.step_length import check_step_length
+from sim_core.vessel.step_length import check_step_length, small_motions
 from sim_core.vessel.wave_forces import FLAT, NoWaveForces, WaveForces
 from sim_core.vessel.windage import WindDrag
 
@@ -110,6 +121,8 @@ class Vessel:
     acceleration_per_term: Array  # (terms, 6), in the order of `accelerate`
     rest: FloatingPose
     level_m: float
+    seakeeping: Seakeeping | None = None
+    """Response to waves; None for a vessel that has been in flat water only."""
 
     @classmethod
     def from_spec(
@@ -121,6 +134,7 @@ class Vessel:
         """
         buoyancy = make_buoyancy(model, water)
         rest = floating_pose(model, water, buoyancy)
+        panel_tables_of(model, rest.depth_m)  # its errors come before the first wave
         hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, rest.draft_m)
         vessel = cls(
             model=model,
@@ -134,17 +148,26 @@ class Vessel:
             acceleration_per_term=np.zeros((0, 6)),
             rest=rest,
             level_m=water.level_m,
-        ).in_waves(waves, water)
+        )._with_forces(FLAT)
         check_step_length(lambda states: _acceleration_off_rest(vessel, states), dt_s)
-        return vessel
+        return vessel.in_waves(waves, water)
 
     def in_waves(self, waves: WaveField | FlatWater, water: Water) -> Vessel:
         """Return the same vessel in another sea of the same water."""
+        if not isinstance(waves, WaveField):
+            return self._with_forces(FLAT)
+        seakeeping = self.seakeeping or _seakeeping(self, water)
+        damping, quadratic = self.hydrodynamics.linear_damping, self.model.damping_quadratic
+        drift = MeanDrift.from_table(seakeeping.drift, waves, seakeeping.felt(waves), damping, quadratic)
+        return replace(self._in_any_waves(drift, seakeeping.sources is not None), seakeeping=seakeeping)
+
+    def _in_any_waves(self, drift: MeanDrift | NoDrift, panel: bool) -> Vessel:
+        return self._with_forces(
+            WaveForces.from_parts(self.hydrodynamics, self.buoyancy, self.rest.depth_m, drift, panel)
+        )
+
+    def _with_forces(self, wave_forces: WaveForces | NoWaveForces) -> Vessel:
         hydrodynamics = self.hydrodynamics
-        wave_forces: WaveForces | NoWaveForces = FLAT
-        if isinstance(waves, WaveField):
-            depth_m = self.rest.depth_m
-            wave_forces = WaveForces.from_parts(self.model, hydrodynamics, self.buoyancy, waves, water, depth_m)
         per_term = [hydrodynamics.wrench, self.buoyancy.wrench, self.propulsion.wrench, self.windage.wrench]
         per_term += [self.model.mass_kg * GRAVITY_MPS2 * hydrodynamics.weight_per_n, wave_forces.wrench]
         acceleration_per_term = np.concatenate(per_term) @ hydrodynamics.inverse_mass
@@ -266,6 +289,73 @@ def _acceleration_off_rest(vessel: Vessel, states: Array) -> Array:
     surface = StillHull(len(vessel.buoyancy.points_frd_m)).sample(0.0, pos_ned_m, rot)
     around = Surroundings(zero, zero, surface, np.zeros((count, 2)))
     return accelerate(vessel, motion, np.zeros((count, vessel.model.commands)), around)
+
+
+def _seakeeping(vessel: Vessel, water: Water) -> Seakeeping:
+    """Return the response to waves, by differences of the accelerations about rest."""
+    model, rest, hydrodynamics = vessel.model, vessel.rest, vessel.hydrodynamics
+    tables = panel_tables_of(model, rest.depth_m)
+    # Grid: that of the tables, or from waves of 125 lengths to waves of a 24th of the length
+    omega = np.sqrt(np.geomspace(0.05, 150.0, 56) * GRAVITY_MPS2 / model.length_m)
+    direction = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
+    if tables is not None:
+        omega, direction = tables.omega_radps, tables.direction_rad
+    vertical, horizontal = wave_shares(model, rest.depth_m, omega**2 / GRAVITY_MPS2)
+    # The response
+    still, in_waves = vessel._with_forces(FLAT), vessel._in_any_waves(NoDrift(), False)
+    mass = hydrodynamics.rigid_mass + hydrodynamics.added_mass
+    response = linear_response(
+        omega,
+        direction,
+        small_motions(lambda states: _acceleration_off_rest(still, states)),
+        [
+            _small_waves(in_waves, radps, direction, *shares)
+            for radps, *shares in zip(omega.tolist(), vertical.tolist(), horizontal.tolist(), strict=True)
+        ],
+        mass,
+        hydrodynamics.rigid_mass,
+        tables,
+    )
+    # What the strips leave out, and the drift
+    sources, source_radps, more = None, omega, np.zeros((0, 3))
+    if tables is not None:
+        force = tables.mean_drift
+        more = more_points(model.midship_frd_x_m, model.length_m, model.width_m)
+        points, source_radps = np.concatenate([vessel.buoyancy.points_frd_m, more]), between(omega)
+        sources = point_sources(response, source_radps, points) @ mass.T
+    else:
+        weight_npm3 = water.density_kgpm3 * GRAVITY_MPS2
+        force = closed_form_drift(model, rest.depth_m, weight_npm3, omega, direction)
+    power_w = 0.5 * np.abs(response.relative) ** 2 @ np.diag(hydrodynamics.linear_damping)[2:5]
+    drift = DriftTable(omega, direction, force, power_w)
+    return Seakeeping(omega, vertical, horizontal, source_radps, sources, more, drift, response)
+
+
+def _small_waves(
+    vessel: Vessel, omega_radps: float, direction_rad: Array, vertical: float, horizontal: float
+) -> SmallWaves:
+    """Return what waves that go north do to vessels on headings with the (D,) directions off the bow."""
+    amplitude_m, wave_number = 1e-4, omega_radps**2 / GRAVITY_MPS2
+    one = np.ones(1)
+    waves = WaveField(amplitude_m * one, omega_radps * one, np.array([[wave_number, 0.0]]), 0.0 * one)
+    hulls = vessel.buoyancy
+    sampler = waves.at_hull(hulls.points_frd_m, hulls.point_share, FeltWaves(vertical * one, horizontal * one))
+    # Four phases of the waves at the origin, a quarter of a wave apart
+    phase, heading = np.repeat(np.arange(4) * (0.5 * np.pi), len(direction_rad)), np.tile(-direction_rad, 4)
+    places = np.column_stack([phase / wave_number, 0.0 * phase])
+    motion = at_rest(vessel, places, heading).motion
+    surface = sampler.sample(0.0, motion.pos_ned_m, motion.rot_ned_frd)
+    still = np.zeros_like(motion.vel_ned_mps)
+    around = Surroundings(surface.orbital_ned_mps, still, surface, still[:, :2])
+    acceleration = accelerate(vessel, motion, np.zeros((len(phase), vessel.model.commands)), around)
+    water = np.column_stack([surface.orbital_ned_mps[:, 2], surface.turn_frd_radps[:, :2]])
+
+    def complex_amplitude(values: Array) -> ComplexArray:  # of Re(A exp(i phase))
+        parts = values.reshape(4, len(direction_rad), -1) / (2.0 * amplitude_m)
+        amplitude: ComplexArray = parts[0] - parts[2] - 1j * (parts[1] - parts[3])
+        return amplitude
+
+    return SmallWaves(complex_amplitude(acceleration), complex_amplitude(water))
 
 
 def advance(motion: Kinematics, change: Array, half_change: Array, dt_s: float) -> Kinematics:

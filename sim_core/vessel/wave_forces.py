@@ -11,31 +11,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.environment.waves import HullSurface, StillHull, WaveField
+from sim_core.environment.spec import GRAVITY_MPS2
+from sim_core.environment.waves import HullSurface, StillHull
 from sim_core.frames import Array
 from sim_core.vessel.buoyancy import Buoyancy
 from sim_core.vessel.hydrodynamics import Hydrodynamics
 from sim_core.vessel.mean_drift import MeanDrift, NoDrift
-from sim_core.vessel.spec import VesselSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaveForces:
     """Constants of one vessel in one sea."""
 
-    wrench: Array  # (14, 6)
-    drift: MeanDrift
+    wrench: Array  # (14, 6), or (20, 6) with forces of a panel code
+    drift: MeanDrift | NoDrift
+    panel: bool
+    """Whether the surface brings forces of a panel code."""
 
     @classmethod
     def from_parts(
-        cls,
-        model: VesselSpec,
-        hydrodynamics: Hydrodynamics,
-        buoyancy: Buoyancy,
-        waves: WaveField,
-        water: Water,
-        depth_m: float,
+        cls, hydrodynamics: Hydrodynamics, buoyancy: Buoyancy, depth_m: float, drift: MeanDrift | NoDrift, panel: bool
     ) -> WaveForces:
         """Compute the constants. depth_m: depth of the body's origin at rest below the still surface."""
         mass = hydrodynamics.added_mass.T  # rows: the force of one acceleration
@@ -50,15 +45,14 @@ class WaveForces:
         upright[0, 0] = upright[1, 1] = -hydrodynamics.linear_damping[2, 2]
         upright[2, 1], upright[3, 0] = mass[2, 2], -mass[2, 2]
         at_surface = np.array([[1.0, 0.0, 0.0, 0.0, -depth_m, 0.0], [0.0, 1.0, 0.0, depth_m, 0.0, 0.0]])
-        return cls(
-            wrench=np.concatenate([slide, -mass[:3], mass[3:5], upright, at_surface]),
-            drift=MeanDrift.from_parts(model, waves, water, depth_m, hydrodynamics.linear_damping),
-        )
+        wrench = np.concatenate([slide, -mass[:3], mass[3:5], upright, at_surface])
+        return cls(np.concatenate([wrench, np.eye(6)]) if panel else wrench, drift, panel)
 
     def terms(
         self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface, drift_frd_n: Array
     ) -> tuple[Array, ...]:
-        """Return the linear terms of the forces: (N, 3), (N, 3), (N, 2), (N, 2), (N, 2), (N, 2).
+        """Return the linear terms of the forces: (N, 3), (N, 3), (N, 2), (N, 2), (N, 2), (N, 2), and (N, 6) of a panel
+        code.
 
         heave_mps: (N, 1) vertical velocity of the vessel relative to the water, down positive. down_frd: (N, 3)
         vertical in body axes. gradient_frd: (N, 3) slope of the surface along the body's axes. drift_frd_n: (N, 2)
@@ -71,6 +65,7 @@ class WaveForces:
             heave_mps * down_frd[:, :2],
             heave_mps * surface.turn_frd_radps[:, :2],
             drift_frd_n,
+            *((surface.panel_wrench_frd,) if self.panel else ()),
         )
 
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import xitl
+from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water, WaveSpec
 from sim_core.environment.tide import make_tide
 from sim_core.environment.waves import WaveField, jonswap, realise_waves
+from sim_core.frames import matrix_to_euler
+from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.sections import hull_shape
 from tests.oracles import mariner
 from tests.oracles.kvlcc2 import Kvlcc2, ZigZag
@@ -151,6 +156,80 @@ def seas(workplace: Workplace, path: Path) -> None:
         spectrum.legend()
 
     figure(path, draw, panels=2)
+
+
+def seakeeping(workplace: Workplace, path: Path) -> None:
+    """Motions and mean drift of twin hulls, with and without tables of a panel code, against that code."""
+    folder = Path(__file__).parents[2] / "tests/data/capytaine"
+    reference = json.loads((folder / "reference.json").read_text(encoding="utf-8"))
+    period_s, hull = np.array(reference["periods_s"]), reference["hulls"]["twin-hulls"]
+    model = xitl.load_profile(str(folder / "twin-hulls.yaml")).vehicle
+    known_m = np.array(hull["heave_roll_pitch"])
+    known_n = np.column_stack([np.array(hull["drift_right_n"])[:, 1], -np.array(hull["drift_ahead_n"])[:, 2]])
+    fine_s = np.geomspace(0.7, 2.5, 45)
+    runs = {
+        name: [_in_regular_waves(vessel, float(each)) for each in fine_s]
+        for name, vessel in (("with tables", model), ("without", replace(model, hydrodynamics_file=None)))
+    }
+    colours = {"with tables": BLUE, "without": AMBER}
+    total_n = 0.5 * 997.8 * 9.80665 * model.length_m
+
+    def draw(axes: Any) -> None:
+        heave, turns, drift = axes
+        for name, simulated in runs.items():
+            moved = np.array([motion for motion, _ in simulated])
+            pushed = np.array([force for _, force in simulated])
+            for chart, row, column, line in (
+                (heave, 0, 0, "-"),
+                (heave, 1, 0, "--"),
+                (turns, 0, 1, "-"),
+                (turns, 1, 2, "--"),
+            ):
+                chart.plot(fine_s, moved[:, row, column], line, color=colours[name], linewidth=1.4)
+            for row, line in ((0, "-"), (1, "--")):
+                drift.semilogy(fine_s, pushed[:, row], line, color=colours[name], linewidth=1.4)
+        for chart, row, column, mark in (
+            (heave, 1, 0, "o"),
+            (heave, 2, 0, "s"),
+            (turns, 1, 1, "o"),
+            (turns, 2, 2, "s"),
+        ):
+            chart.plot(period_s, known_m[:, row, column], mark, color=INK, markersize=4, fillstyle="none")
+        for row, mark in ((0, "o"), (1, "s")):
+            drift.semilogy(period_s, known_n[:, row], mark, color=INK, markersize=4, fillstyle="none")
+        drift.axhline(total_n, color=RED, linewidth=1.0)
+        drift.text(2.5, 1.25 * total_n, "total reflection, beam", color=RED, ha="right", fontsize=8)
+        heave.set(xlabel="period (s)", title="Heave (m/m)")
+        turns.set(xlabel="period (s)", title="Roll in beam, pitch in head seas (rad/m)")
+        drift.set(xlabel="period (s)", title="Mean drift (N/m²)", ylim=(1e-1, 4e4))
+        lines = [heave.plot([], [], color=colour, label=f"simulation {name}")[0] for name, colour in colours.items()]
+        marks = [
+            heave.plot([], [], mark + line, color=INK, markersize=4, fillstyle="none", linewidth=1.0, label=label)[0]
+            for mark, line, label in (("o", "-", "Capytaine, beam"), ("s", "--", "Capytaine, head"))
+        ]
+        heave.legend(handles=[*lines, *marks], fontsize=8)
+
+    figure(path, draw, width=13.0, panels=3)
+
+
+def _in_regular_waves(model: Any, period_s: float) -> tuple[Any, Any]:
+    """Heave, roll and pitch per metre of waves, (2, 3), and drift along the waves, (2,): in beam and in head seas."""
+    water = Water(level_m=0.0, depth_m=200.0)
+    waves = realise_waves(WaveSpec("regular", 0.002, period_s), water, np.random.default_rng(0))
+    simulation = Simulation.from_spec(model, Environment(water=water, waves=waves), 0.01)
+    rng = np.random.default_rng(0)
+    state = initial(simulation, np.zeros((2, 2)), np.radians([-90.0, 180.0]), rng)
+    seen, times, forces = [], [], []
+    for _ in range(round((25.0 + 10.0 * period_s) / 0.01)):
+        state = step(simulation, state, np.zeros((1, model.commands)), rng)
+        if state.time_ns > 25 * 10**9:
+            motion = state.vessel.motion
+            seen.append(np.column_stack([motion.pos_ned_m[:, 2:], matrix_to_euler(motion.rot_ned_frd)[:, :2]]).ravel())
+            times.append(2.0 * np.pi / period_s * state.time_ns * 1e-9)
+            forces.append(np.vecdot(motion.rot_ned_frd[:, 0, :2], state.drift_frd_n))
+    basis = np.column_stack([np.cos(times), np.sin(times), np.ones(len(times))])
+    fitted = np.linalg.lstsq(basis, np.array(seen), rcond=None)[0]
+    return np.hypot(fitted[0], fitted[1]).reshape(2, 3) / 0.001, np.mean(forces, axis=0) / 0.001**2
 
 
 def tide(workplace: Workplace, path: Path) -> None:

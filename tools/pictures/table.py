@@ -62,6 +62,7 @@ PICTURES: dict[str, Maker] = {
     "manoeuvres.png": plots.manoeuvres,
     "own-site.png": plots.own_site,
     "seas.png": plots.seas,
+    "seakeeping.png": plots.seakeeping,
     "tide.png": plots.tide,
     "faults.png": plots.faults,
     "fleet.png": plots.fleet,

@@ -31,6 +31,7 @@ _ANY_FILE: tuple[KeyPath, ...] = (
     ("autopilot", "signing_key_file"),
     ("autopilot", "link_key_file"),
     ("environment", "water", "tide", "file"),
+    ("vehicle", "hydrodynamics_file"),
 )
 
 _FILES_IN_LISTS: tuple[tuple[KeyPath, KeyPath, tuple[str, ...]], ...] = (

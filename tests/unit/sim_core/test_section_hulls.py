@@ -392,16 +392,20 @@ def wave_wrench(model: VesselSpec, wave_length_m: float, direction_deg: float, c
 
 @pytest.mark.parametrize("lengths", [8.0, 2.0, 1.0, 0.7])
 def test_waves_along_the_hull_lift_it_by_their_mean(lengths: float) -> None:
-    """rho g B a 2 sin(k L / 2) / k under a crest amidships, and the pitching moment a quarter wave on."""
+    """rho g B a 2 sin(k L / 2) / k under a crest amidships, and the pitching moment a quarter wave on.
+
+    The pressure decays to the bottom by exp(-k T), and over the draft T of 0.2 m to its mean.
+    """
     model, wave_m = vessel(hull(), mass_kg=800.0), 4.0 * lengths
     k = 2.0 * np.pi / wave_m
-    heave = -NEWTON_PER_M3 * 0.01 * 2.0 * np.sin(2.0 * k) / k
+    bottom, over_draft = np.exp(-0.2 * k), -np.expm1(-0.2 * k) / (0.2 * k)
+    heave = -bottom * NEWTON_PER_M3 * 0.01 * 2.0 * np.sin(2.0 * k) / k
     # Twenty strips: (k dx)^2 / 24 of an integral of sines; dx 0.2 m.
     coarse = (k * 0.2) ** 2 / 24 * NEWTON_PER_M3 * 0.01 * 4.0
     assert wave_wrench(model, wave_m, 0.0, 0.0)[2] == pytest.approx(heave, abs=coarse + 0.02)
     # About the origin: less the push, the weight times the mean slope, at the centre of buoyancy 0.2 m below it.
-    pitch = NEWTON_PER_M3 * 0.01 * (2.0 * np.sin(2.0 * k) / k**2 - 4.0 * np.cos(2.0 * k) / k)
-    push = 0.8 * NEWTON_PER_M3 * 0.01 * 2.0 * np.sin(2.0 * k) / 4.0
+    pitch = bottom * NEWTON_PER_M3 * 0.01 * (2.0 * np.sin(2.0 * k) / k**2 - 4.0 * np.cos(2.0 * k) / k)
+    push = over_draft * 0.8 * NEWTON_PER_M3 * 0.01 * 2.0 * np.sin(2.0 * k) / 4.0
     wrench = wave_wrench(model, wave_m, 0.0, wave_m / 4)
     assert wrench[0] == pytest.approx(-push, abs=coarse + 0.02)
     assert wrench[4] == pytest.approx(pitch - 0.2 * push, abs=4 * coarse + 0.5)
@@ -412,9 +416,10 @@ def test_waves_across_a_single_hull_push_and_roll_it() -> None:
     model, wave_m = vessel(hull(), mass_kg=800.0), 40.0
     slope = 0.01 * 2.0 * np.pi / wave_m
     wrench = wave_wrench(model, wave_m, 90.0, wave_m / 4)  # it rises to starboard
-    push = 800.0 * GRAVITY_MPS2 * slope
+    kt = 0.2 * 2.0 * np.pi / wave_m  # over the draft
+    push = 800.0 * GRAVITY_MPS2 * slope * -np.expm1(-kt) / kt
     assert wrench[1] == pytest.approx(-push, rel=5e-3)
-    assert wrench[3] == pytest.approx(0.2 * push - NEWTON_PER_M3 * 4.0 / 12 * slope, rel=0.01)
+    assert wrench[3] == pytest.approx(0.2 * push - NEWTON_PER_M3 * 4.0 / 12 * slope * np.exp(-kt), rel=0.01)
 
 
 def test_shares_of_dry_and_drowned_strips() -> None:

@@ -28,14 +28,17 @@ def _add_validate(app: typer.Typer, name: str) -> None:
 
 
 def _add_vehicle(app: typer.Typer, name: str) -> None:
-    from xitl_cli.plugins.studies import vehicle_command
+    from xitl_cli.plugins.studies import hydrodynamics_command, vehicle_command
 
     keep_group(app)
     app.command("check")(vehicle_command.check)
+    app.command("hydrodynamics")(hydrodynamics_command.hydrodynamics)
 
 
 PAPER = Command("Repeat the experiments of the paper.", _add_paper, group=True)
 VALIDATE = Command(
     "Sail the standard manoeuvres with vessels and compare each figure with its reference.", _add_validate
 )
-VEHICLE = Command("Check the model of a vessel.", _add_vehicle, group=True)
+VEHICLE = Command(
+    "Check the model of a vessel, and compute its wave forces with a panel code.", _add_vehicle, group=True
+)

@@ -2,7 +2,7 @@
 
 Afloat: Archimedes and the second moments of the waterline. Small motions: an eigenvalue problem of mass, damping and
 that stiffness. Straight course: the balance of thrust and drag, and the equation of surge alone. Long-crested waves:
-strip theory of relative motion with the wave's pressure at the surface (waves long relative to the draft).
+strip theory of relative motion, with waves that decay with the depth.
 
 The vessel's data is the only import from `sim_core`. Constants, mass matrices and thrust are implemented again.
 """
@@ -391,13 +391,15 @@ def wave_theory(
     heading: head seas come over the bow, beam seas over the port side. The theory is relative motion, strip by strip.
     The stiffness of each strip acts on its depth below the local surface, and its lift acts along the surface's normal.
     Added mass and damping act on the velocity relative to the water. The mean and rotation of the water are averages
-    over all strips, weighted by displacement.
+    over all strips, weighted by displacement. Elevation and vertical motion act with their mean over the bottoms, slope
+    and horizontal motion with their mean over the volume.
     """
+    bottoms, volumes = _felt_shares(model, afloat, number)
     strips = _strips(model, afloat)
     along, aside, breadth, step, area, drop = (np.concatenate(parts) for parts in zip(*strips, strict=True))
     weight, share = water.density_kgpm3 * GRAVITY_MPS2, area / area.sum()
     found: dict[int, list[complex]] = {2: [], 3: [], 4: []}
-    for k, w in zip(number, omega, strict=True):
+    for k, w, bottom, volume in zip(number, omega, bottoms, volumes, strict=True):
         # The waves go aft, or to starboard; the time factor is exp(-i w t).
         wave_x, wave_y = (-k, 0.0) if heading == "head" else (0.0, k)
         local = np.exp(1j * (wave_x * along + wave_y * aside))
@@ -408,28 +410,45 @@ def wave_theory(
         if wave_y:
             lean = local * 2j * (np.sin(half) - half * np.cos(half)) / wave_y**2
         force = np.zeros(6, dtype=complex)
-        up = weight * breadth * step * mean
-        ahead, sideways = -1j * weight * area * wave_x * mean, -1j * weight * area * wave_y * mean
+        up = bottom * weight * breadth * step * mean
+        ahead, sideways = (-1j * volume * weight * area * along_axis * mean for along_axis in (wave_x, wave_y))
         force[:3] = ahead.sum(), sideways.sum(), -up.sum()
-        force[3] = (-aside * up - drop * sideways - weight * step * lean).sum()
+        force[3] = (-aside * up - drop * sideways - bottom * weight * step * lean).sum()
         force[4] = (along * up + drop * ahead).sum()
         force[5] = (along * sideways - aside * ahead).sum()
         surface = np.zeros(6, dtype=complex)  # motion with the water: displacement of the mean, angles
         whole = (share * mean).sum()
-        surface[2] = -whole
+        surface[2] = -bottom * whole
         depth = math.tanh(k * water.depth_m)
         for axis, part in ((0, wave_x), (1, wave_y)):
-            surface[axis] = 1j * part / k / depth * whole
+            surface[axis] = 1j * volume * part / k / depth * whole
         across, lever = aside - (share * aside).sum(), along - (share * along).sum()
-        surface[4] = (share * lever * mean).sum() / (share * lever**2).sum()
+        surface[4] = bottom * (share * lever * mean).sum() / (share * lever**2).sum()
         turning = share * (across * mean + lean / breadth)
-        surface[3] = -turning.sum() / (share * (across**2 + breadth**2 / 12.0)).sum()
+        surface[3] = -bottom * turning.sum() / (share * (across**2 + breadth**2 / 12.0)).sum()
         force = force + (-(w**2) * small.added_mass - 1j * w * small.damping) @ surface
         matrix = -(w**2) * small.mass - 1j * w * small.damping + small.stiffness
         motion = np.linalg.solve(matrix, force)
         for axis, sign in ((2, -1.0), (3, 1.0), (4, 1.0)):
             found[axis].append(complex(sign * motion[axis]))
     return {axis: np.array(values) for axis, values in found.items()}
+
+
+def _felt_shares(model: VesselSpec, afloat: Waterline, number: Array) -> tuple[Array, Array]:
+    """Return (W,), (W,): means of exp(-k d) over the bottoms, and over the volume."""
+    pressed, waterplane_m2, volume_m3 = np.zeros(len(number)), 0.0, 0.0
+    share = (np.arange(100) + 0.5) / 100
+    for hull in model.demi_hulls:
+        lines = _Lines(hull)
+        wet = np.clip(afloat.depth_m + lines.keel - lines.along * math.sin(afloat.trim_rad), 0.0, lines.heights[-1])
+        above = wet[:, None] * share
+        part = (
+            2.0 * lines.share[:, None] * np.interp(above, lines.heights, lines.half) * (wet * lines.step)[:, None] / 100
+        )
+        pressed += [float((part * np.exp(-k * (wet[:, None] - above))).sum()) for k in number]
+        volume_m3 += float(part.sum())
+        waterplane_m2 += float((2.0 * lines.share * np.interp(wet, lines.heights, lines.half)).sum() * lines.step)
+    return 1.0 - number * pressed / waterplane_m2, pressed / volume_m3
 
 
 def _strips(model: VesselSpec, afloat: Waterline) -> list[tuple[Array, ...]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
+from sim_core.vessel.panel_tables import panel_tables_of
 from sim_core.vessel.spec import VesselSpec, Windage
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 from xitl_cli.plugins.studies.manoeuvres import closed_forms
@@ -24,6 +25,7 @@ from xitl_cli.plugins.studies.manoeuvres.closed_forms import (
 )
 from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG
 from xitl_cli.plugins.studies.manoeuvres.measures import decay, turning_circle, zig_zag
+from xitl_cli.plugins.studies.manoeuvres.panel_reference import PANEL_CODE, panel_theory
 from xitl_cli.plugins.studies.manoeuvres.published import (
     FIGURES,
     RECORDED_RUNS,
@@ -395,18 +397,26 @@ class _Theory:
         blunt = self._small.stiffness.copy()
         blunt[3, 3] -= trials.model.mass_kg * GRAVITY_MPS2 * OF_BM * afloat.bm_transverse_m
         blunter = replace(self._small, stiffness=blunt)
+        tables = panel_tables_of(trials.model, afloat.depth_m)
         for heading, motions in (("head", (("heave", 2), ("pitch", 4))), ("beam", (("heave", 2), ("roll", 3)))):
-            theory, with_less = (
-                closed_forms.wave_theory(trials.model, trials.water, afloat, small, heading, number, omega)
-                for small in (self._small, blunter)
-            )
+            if tables is None:
+                source, name = STRIPS, "strip theory"
+                theory, with_less = (
+                    closed_forms.wave_theory(trials.model, trials.water, afloat, small, heading, number, omega)
+                    for small in (self._small, blunter)
+                )
+            else:
+                source, name = PANEL_CODE, "panel code"
+                theory, with_less = (
+                    panel_theory(tables, small, heading, number, omega) for small in (self._small, blunter)
+                )
             for motion, axis in motions:
                 per = 1.0 if axis == 2 else number
                 sizes, less = np.abs(theory[axis]) / per, np.abs(with_less[axis]) / per
                 key = f"{motion}_{heading}"
-                self._curves[key] = Trace("strip theory", np.array(wavelengths), sizes)
+                self._curves[key] = Trace(name, np.array(wavelengths), sizes)
                 for ratio, size, other in zip(wavelengths, sizes.tolist(), less.tolist(), strict=True):
-                    self._add(f"{key}_{ratio:g}", size, OF_RESPONSE * max(1.0, size) + abs(other - size), STRIPS)
+                    self._add(f"{key}_{ratio:g}", size, OF_RESPONSE * max(1.0, size) + abs(other - size), source)
                 slowness = (float(self._small.periods_s[axis - 2]) * omega.min() / (2.0 * math.pi)) ** 2
                 if slowness < 0.5 * OF_RESPONSE:  # otherwise it oscillates in the longest waves too
                     self._add(f"{key}_{max(wavelengths):g}", 1.0, OF_RESPONSE, LONG_WAVES)

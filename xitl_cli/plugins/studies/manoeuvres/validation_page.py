@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Finding, Grid, Section
 from xitl_cli.logs.report.page import FileCard, Page, PagePart
+from xitl_cli.plugins.studies.manoeuvres.panel_reference import PANEL_CODE
 from xitl_cli.plugins.studies.manoeuvres.references import Kind, kind_shares
 from xitl_cli.plugins.studies.manoeuvres.validation import (
     ARCHIMEDES,
@@ -54,6 +55,10 @@ _ADVICE = {
         "it affects seas near the natural period, but not still water",
         "lower the quadratic damping of this motion (vehicle.damping_quadratic), or use hulls that change less near "
         "the waterline, because the closed form has small motions; a decay test of the boat shows which is right",
+    ),
+    PANEL_CODE: (
+        "it affects only seas of this wavelength",
+        "make the tables (vehicle.hydrodynamics_file) again with more panels, or check mass and inertia against them",
     ),
     STRIPS: (
         "it affects only seas of this wavelength",

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water
 from sim_core.frames import Array, matrix_to_euler
 from sim_core.simulation import Simulation
+from sim_core.vessel.panel_tables import misfit, read_panel_tables
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Value
 from xitl_cli.plugins.studies.manoeuvres.at_rest import LARGE_M, AtRest
@@ -297,6 +299,15 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
                 "vehicle.centre_of_gravity_frd_m",
                 f"the vessel has a {text} of {angle:.1f} degrees at rest",
                 "move the centre of gravity above the centre of buoyancy, or move the hulls",
+            )
+    if model.hydrodynamics_file is not None:
+        tables = read_panel_tables(Path(model.hydrodynamics_file))
+        if why := misfit(model, rest.floating.depth_m, tables):
+            yield wrong(
+                "waves.other_vessel",
+                "vehicle.hydrodynamics_file",
+                f"{why}: waves act by strip theory",
+                "make the file again with `xitl vehicle hydrodynamics`, or set the key to null",
             )
     motion = rest.state.motion
     rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m

@@ -20,6 +20,7 @@ SOURCES = {
     validation.MIRRORED: "propellers and rudders",
     validation.LINEAR: "vehicle.damping_quadratic",
     validation.STRIPS: "vehicle.damping_linear",
+    validation.PANEL_CODE: "vehicle.hydrodynamics_file",
     validation.LONG_WAVES: "vehicle.inertia_kgm2",
     validation.LOITER: "LOIT_RADIUS",
     Source(Kind.PUBLISHED, "Fossen 2021"): "vehicle.name",
@@ -57,7 +58,7 @@ def test_the_page_has_the_advice_as_the_next_step() -> None:
 
 
 def test_the_shares_count_each_comparison_once() -> None:
-    sources = (*SOURCES, Source(Kind.MEASURED, "a tank"), Source(Kind.PANEL_CODE, "Capytaine"))
+    sources = (*SOURCES, Source(Kind.MEASURED, "a tank"))
     figures = tuple(figure(10.0, source) for source in sources)
     unknown = ValidatedFigure("Free decays", "roll_period_s", "roll, natural period", "s", 1.0, None)
     found = dict(shares([Validation("boat", "rudder", (), (*figures, unknown))]))

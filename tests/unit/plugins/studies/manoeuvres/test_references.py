@@ -11,16 +11,23 @@ import pytest
 from sim_core.environment.spec import Water
 from sim_core.simulation import Simulation
 from sim_core.vessel.spec import Propeller, VesselSpec
-from xitl_cli.plugins.studies.manoeuvres import closed_forms, published, published_tables, references
+from xitl_cli.plugins.studies.manoeuvres import (
+    closed_forms,
+    panel_reference,
+    published,
+    published_tables,
+    references,
+)
 from xitl_cli.plugins.studies.manoeuvres.closed_forms import HorizontalMotion, Matrices, waterline
 from xitl_cli.plugins.studies.manoeuvres.track import still_water
 from xitl_cli.plugins.studies.manoeuvres.validation import validate_surroundings
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.catalogue import shipped_profiles
 
-REFERENCES = (closed_forms, published, published_tables, references)
+REFERENCES = (closed_forms, panel_reference, published, published_tables, references)
 DATA = {
     "sim_core.environment.spec": {"Water"},
+    "sim_core.vessel.panel_tables": {"PanelTables"},
     "sim_core.vessel.spec": {"CrossFlowDrag", "DemiHull", "Propeller", "VesselSpec"},
 }
 """The declarations of data that references may import."""
