@@ -388,3 +388,38 @@ def real_boat(workplace: Workplace, path: Path) -> None:
         axes[0].legend(frameon=False, fontsize=9)
 
     figure(path, draw, panels=2)
+
+
+def twin(workplace: Workplace, path: Path) -> None:
+    """The evidence of a twin for each difference, from the log of a boat with a weak port propeller."""
+    import lzma
+
+    from xitl_cli.plugins.twin.boat import Outputs, open_boat
+    from xitl_cli.plugins.twin.session import Twin
+    from xitl_cli.record.recorder import Recorder
+
+    packed = Path(__file__).parents[2] / "tests" / "data" / "captures" / "twin-port-thrust.tlog.xz"
+    boat = workplace.folder / "boat.tlog"
+    boat.write_bytes(lzma.decompress(packed.read_bytes()))
+    vehicle = xitl.load_profile("vehicles/otter").vehicle
+    recorder = Recorder(workplace.folder / "boat-twin.mcap", "lz4", links=("boat",))
+    rows: list[tuple[int, Any]] = []
+    session = Twin(open_boat(str(boat)), vehicle, Water(density_kgpm3=1025), Outputs(), recorder)
+    recorder.watch("/twin/evidence", lambda stamp_ns, names, evidence, threshold: rows.append((stamp_ns, evidence)))
+    alarm = session.run(None, lambda text: None, lambda: False).alarms[0]
+    recorder.close()
+    time_s, evidence = np.array([stamp_ns * 1e-9 for stamp_ns, _ in rows]), np.array([row for _, row in rows])
+    shown = (time_s > 50.0) & (time_s < alarm.at_ns * 1e-9)
+
+    def draw(axes: Any) -> None:
+        names = ("thrust port", "thrust starboard", "drag", "current", "compass", "GNSS")
+        for number, (name, colour) in enumerate(zip(names, (RED, BLUE, AMBER, GREEN, GREY, INK), strict=True)):
+            axes.plot(time_s[shown], np.maximum(evidence[shown, number], -10.0), color=colour, label=name)
+        axes.axhline(10.0, color=INK, linewidth=1.0, linestyle="--")
+        axes.axvline(60.0, color=INK, linewidth=1.0, linestyle=":")
+        axes.annotate("alarm threshold", (50.5, 10.6))
+        axes.annotate("port propeller at 70 % from here", (60.2, 46.0))
+        axes.set(xlabel="time (s)", ylabel="evidence (log likelihood ratio)")
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.9), frameon=False)
+
+    figure(path, draw)

@@ -69,4 +69,5 @@ PICTURES: dict[str, Maker] = {
     "learning.png": plots.learning,
     "identify.png": plots.identification,
     "sim-to-real.png": plots.real_boat,
+    "twin.png": plots.twin,
 }
