@@ -226,6 +226,7 @@ OWN_PLUGIN_COMMANDS = {
     "map": "perception",
     "paper": "figures",
     "params": "",
+    "twin": "",
     "validate": "",
     "vehicle": "",
     "view": "view",

@@ -16,4 +16,4 @@ def _add(app: typer.Typer, name: str) -> None:
     app.command(name)(twin)
 
 
-COMMAND = Command("Run the model of a boat next to the real boat, and name their difference.", _add)
+COMMAND = Command("Run the model of a boat next to the real boat, record both, and name their difference.", _add)
