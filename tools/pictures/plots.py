@@ -395,6 +395,7 @@ def twin(workplace: Workplace, path: Path) -> None:
     import lzma
 
     from xitl_cli.plugins.twin.boat import Outputs, open_boat
+    from xitl_cli.plugins.twin.diagnosis import ALARM
     from xitl_cli.plugins.twin.session import Twin
     from xitl_cli.record.recorder import Recorder
 
@@ -415,9 +416,9 @@ def twin(workplace: Workplace, path: Path) -> None:
         names = ("thrust port", "thrust starboard", "drag", "current", "compass", "GNSS")
         for number, (name, colour) in enumerate(zip(names, (RED, BLUE, AMBER, GREEN, GREY, INK), strict=True)):
             axes.plot(time_s[shown], np.maximum(evidence[shown, number], -10.0), color=colour, label=name)
-        axes.axhline(10.0, color=INK, linewidth=1.0, linestyle="--")
+        axes.axhline(ALARM, color=INK, linewidth=1.0, linestyle="--")
         axes.axvline(60.0, color=INK, linewidth=1.0, linestyle=":")
-        axes.annotate("alarm threshold", (50.5, 10.6))
+        axes.annotate("alarm threshold", (50.5, ALARM + 0.6))
         axes.annotate("port propeller at 70 % from here", (60.2, 46.0))
         axes.set(xlabel="time (s)", ylabel="evidence (log likelihood ratio)")
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.9), frameon=False)
