@@ -48,6 +48,7 @@ PX4_WORLD = "world for a PX4, `autopilot.bridge.sensor_link`"
 SONAR = "sonar for programs, `sensors.sonar.serve`"
 LAUNCH = "`xitl world launch`, `world.debris.control`"
 VEHICLE = "`xitl params`, `xitl vehicle` at `udp://` of this machine"
+TWIN = "`xitl twin --boat udp://…`"
 TOPICS, SERVICES, SENDING = (f"`xitl sim --ros`, {part}" for part in ("topics", "services", "sending"))
 ROS1 = "`xitl sim --ros ros1://…`, slave API and TCPROS"
 BRIDGE = ["agent", "--role", "bridge", "--link", "udp://127.0.0.1:0"]
@@ -130,6 +131,7 @@ def commands() -> dict[str, tuple[list[str], set[str]]]:
             {CAN},
         ),
         "parameters": (["params", "show", f"udp://{here}"], {VEHICLE}),
+        "twin": (["twin", "--boat", f"udp://{here}", "--vehicle", "otter"], {TWIN}),
         "recording": (["view", "recorded", "--no-open"], {PLAYED}),
         "ROS 2": ([*sim("sitl"), "--pace", "1", "--ros"], {TOPICS, SERVICES, SENDING}),
         "ROS 1": ([*sim("sitl"), "--pace", "1", "--ros", "ros1://127.0.0.1:{master}"], {ROS1}),
@@ -182,6 +184,7 @@ def test_a_command_listens_as_the_page_says(tmp_path: Path, name: str) -> None:
 
 
 SOURCES = {
+    "xitl_cli/plugins/twin/boat.py": {TWIN},
     "agent/__main__.py": {UDP_LINK, TCP_LINK, CAN},
     "agent/bridges/ahrs.py": {"external AHRS of a bridge, `--sensor-link …?listen`"},
     "agent/bridges/json_line.py": {ARDUPILOT_WORLD},
