@@ -98,7 +98,7 @@ def test_a_bus_with_both_agents_carries_the_traffic_of_both(write: Write, golden
     assert problem_of(write, bus, "board", own) == ""
     shared = f"  standby: {{runs: board, link: '{bus}&peer=3'}}\n"
     sentence = problem_of(write, bus, "board", shared)
-    golden("finding", sentence, "39974 bytes/s", "2 agents", "400 Hz × 48 = 19200")
+    golden("finding", sentence, "40068 bytes/s", "2 agents", "400 Hz × 48 = 19200")
     assert "use bitrate=1000000&fd=true&data_bitrate=2000000" in sentence
     lower = re.search(r"lower sensors\.imu\.rate_hz to ([0-9.]+)", sentence)
     assert lower is not None
@@ -125,8 +125,8 @@ def test_what_the_sentence_advises_is_enough(write: Write, link: str) -> None:
 
 def test_a_bus_that_is_too_slow_counts_both_ways(write: Write, golden: Golden) -> None:
     sentence = problem_of(write, "can://slcan/pty?bitrate=250000")
-    golden("finding", sentence, "11442 bytes/s")
-    assert "the data need 19987 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
+    golden("finding", sentence, "11430 bytes/s")
+    assert "the data need 20034 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
     assert "actuators 50 Hz × 74 = 3700" in sentence
 
 
