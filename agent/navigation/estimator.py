@@ -192,6 +192,7 @@ class Estimator:
         self._history.restart(self._state)
         self._fix = None
         self._filter.loosen(gap_s)
+        self._heading.loosen(gap_s)
         self._levelled_ns = sample.stamp_ns  # use high gains again
         self.imu_accepted += 1
         return True
@@ -350,12 +351,14 @@ class Estimator:
             self._fix = None
             self._heading_used_ns = sample.stamp_ns
             self._restart_heading(self._state, field)
-        elif ratio <= 1.0:
-            if self._heading.add(sample.stamp_ns, error_rad):
-                course_rad = euler(*then[1:5])[2] - self._declination_rad
-                correction = self._heading.correct(sample.stamp_ns, course_rad, math.hypot(north, east), down)
+        elif ratio <= 1.0 and self._heading.add(sample.stamp_ns, error_rad):
+            course_rad = euler(*then[1:5])[2] - self._declination_rad
+            correction = self._heading.correct(sample.stamp_ns, course_rad, math.hypot(north, east), down)
+            if correction is None:
+                self._attitude.drop_heading()
+            else:
                 self._attitude.turn(state, *correction)
-            self._heading_used_ns = sample.stamp_ns
+                self._heading_used_ns = sample.stamp_ns
         return True
 
     def _restart_heading(self, state: InertialState, field_frd_gauss: Vector3) -> None:

@@ -30,6 +30,10 @@ _START_RAD = 0.02  # a levelling error of a few degrees, by the inclination of t
 _START_BIAS_RADPS = 0.01
 _TILT_RAD, _START_TILT_RAD, _TILT_SETTLES_S = 0.0015, 0.03, 2.5
 _TILT_LASTS_S = 2.0
+_GATE2 = 5.0**2
+"""Square of the innovation over its variance, above which a compass contradicts the gyroscope and is not used."""
+_DOUBT_RAD = 0.01  # of the heading, at each correction that is not used
+_UNSEEN_TURN_RADPS = 0.3  # rate of turn of a boat during a gap in the inertial samples
 _OFFSET_WANDERS = 1e-6**2  # G²/s, a drift of 0.02 mG in ten minutes
 
 
@@ -41,7 +45,7 @@ class HeadingCorrection(NamedTuple):
 
 
 class HeadingFilter:
-    """`add` each error of a sample; when it returns True, apply what `correct` returns."""
+    """`add` each error of a sample; when it returns True, apply what `correct` returns, if anything."""
 
     def __init__(self, parameters: EstimatorParameters) -> None:
         self.configure(parameters)
@@ -78,8 +82,8 @@ class HeadingFilter:
 
     def correct(
         self, stamp_ns: int, course_rad: float, horizontal_gauss: float, vertical_gauss: float
-    ) -> HeadingCorrection:
-        """Fuse the mean of the samples since the last correction."""
+    ) -> HeadingCorrection | None:
+        """Fuse the mean of the samples since the last correction. Return None if it contradicts the gyroscope."""
         dt = (stamp_ns - self._stamp_ns) * 1e-9
         count, noise = self._count, self._noise_gauss / horizontal_gauss
         since_s = (stamp_ns - self._start_ns) * 1e-9
@@ -96,6 +100,10 @@ class HeadingFilter:
         ph, bh = pp - along * px - across * py, pb - along * bx - across * by
         xh, yh = px - along * xx - across * xy, py - along * xy - across * yy
         total = ph - along * xh - across * yh + variance
+        if innovation * innovation > _GATE2 * total:
+            self.stop(stamp_ns)
+            self._doubt(_DOUBT_RAD)
+            return None
         kp, kb, kx, ky = ph / total, bh / total, xh / total, yh / total
         self._p = (
             pp - kp * ph, pb - kp * bh, px - kp * xh, py - kp * yh,
@@ -109,6 +117,13 @@ class HeadingFilter:
         self._rate_radps = self._owed_rad / min(max(dt, _SHORTEST_S), _LONGEST_S)
         self._stamp_ns, self._sum_rad, self._count = stamp_ns, 0.0, 0
         return HeadingCorrection(self._rate_radps, kb * innovation)
+
+    def loosen(self, gap_s: float) -> None:
+        """Lose the heading by a turn that no inertial sample has shown."""
+        self._doubt(_UNSEEN_TURN_RADPS * gap_s)
+
+    def _doubt(self, heading_rad: float) -> None:
+        self._p = (self._p[0] + heading_rad * heading_rad, *self._p[1:])
 
     def stop(self, stamp_ns: int) -> None:
         """End the last correction, because the compass has no data."""

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.recorded_run import recorded_run
+from xitl_cli.logs import open_log
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Finding
 from xitl_cli.plugins.logs.analyses import gnss, power, radio, sensors, vibration
 
@@ -55,3 +58,23 @@ def test_each_fault_is_told_with_its_time_and_nothing_else(tmp_path: Path) -> No
     assert silent.until_ns == pytest.approx(20.0 * S, abs=0.4 * S)
     jumps = [each.at_ns for each in found["gnss.jump", "GPS"]]
     assert jumps == pytest.approx([22.0 * S, 24.0 * S], abs=0.4 * S)
+
+
+@pytest.mark.slow
+def test_a_frozen_compass_does_not_hold_the_heading(tmp_path: Path) -> None:
+    """The boat turns by 90 degrees while its compass repeats an old field, and soon after its gyroscope is silent."""
+    profile = tmp_path / "faulty.yaml"
+    profile.write_text(FAULTS)
+    with open_log(recorded_run(str(profile), 26.0)) as log:
+        estimate, truth = (_yaw_rad(log, topic) for topic in ("/estimate/odometry", "/truth/odometry"))
+    error = estimate[1] - np.interp(estimate[0], *truth)
+    assert np.ptp(truth[1]) > 1.5
+    assert np.degrees(np.abs(error)).max() < 15.0
+    assert np.degrees(np.abs(error[-50:])).max() < 3.0
+
+
+def _yaw_rad(log: Log, topic: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and continuous headings."""
+    table = log.tables[topic]
+    w, x, y, z = (np.asarray(table.values(f"pose.pose.orientation.{part}")) for part in "wxyz")
+    return table.stamp_ns, np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

@@ -81,6 +81,8 @@ OF_RESPONSE = 0.05
 
 In roll, near resonance, the effect of the waterline's tolerance is added.
 """
+OF_PANEL_CODE = 0.1
+"""The same beside a panel code, whose forces are sources at the points of the hull: docs/seas.md."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -400,13 +402,13 @@ class _Theory:
         tables = panel_tables_of(trials.model, afloat.depth_m)
         for heading, motions in (("head", (("heave", 2), ("pitch", 4))), ("beam", (("heave", 2), ("roll", 3)))):
             if tables is None:
-                source, name = STRIPS, "strip theory"
+                source, name, share = STRIPS, "strip theory", OF_RESPONSE
                 theory, with_less = (
                     closed_forms.wave_theory(trials.model, trials.water, afloat, small, heading, number, omega)
                     for small in (self._small, blunter)
                 )
             else:
-                source, name = PANEL_CODE, "panel code"
+                source, name, share = PANEL_CODE, "panel code", OF_PANEL_CODE
                 theory, with_less = (
                     panel_theory(tables, small, heading, number, omega) for small in (self._small, blunter)
                 )
@@ -416,7 +418,8 @@ class _Theory:
                 key = f"{motion}_{heading}"
                 self._curves[key] = Trace(name, np.array(wavelengths), sizes)
                 for ratio, size, other in zip(wavelengths, sizes.tolist(), less.tolist(), strict=True):
-                    self._add(f"{key}_{ratio:g}", size, OF_RESPONSE * max(1.0, size) + abs(other - size), source)
+                    allowed = max(OF_RESPONSE, share * size) + abs(other - size)
+                    self._add(f"{key}_{ratio:g}", size, allowed, source)
                 slowness = (float(self._small.periods_s[axis - 2]) * omega.min() / (2.0 * math.pi)) ** 2
                 if slowness < 0.5 * OF_RESPONSE:  # otherwise it oscillates in the longest waves too
                     self._add(f"{key}_{max(wavelengths):g}", 1.0, OF_RESPONSE, LONG_WAVES)
