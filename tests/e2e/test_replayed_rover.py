@@ -59,7 +59,7 @@ def test_the_mission_that_was_captured_is_sailed_again(tmp_path: Path) -> None:
     assert bridge["mavlink_lost"] == 0
     assert (tmp_path / "run" / "autopilot" / "console.txt").read_text().endswith("Exitting\n")  # it ended in order
     events = [(event["event"], event["mode"], event["reason"]) for event in result["autopilot_events"]]
-    assert events == [("mode", "MANUAL", ""), ("armed", "AUTO", ""), ("mode", "AUTO", "")]
+    assert events == [("mode", "MANUAL", ""), ("armed", "MANUAL", ""), ("mode", "AUTO", "")]
     # ArduRover's own estimate, from its own sensors, told over MAVLink and stamped by its clock
     assert result["estimation"]["position_rms_m"] < 0.5
 
