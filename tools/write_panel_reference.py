@@ -38,7 +38,9 @@ def reference(model: VesselSpec, water: Water, panels: int) -> dict[str, Any]:
     body = panel_code.panel_body(capytaine, model, rest, mesh)
     omega, direction = 2.0 * np.pi / np.array(PERIODS_S), np.radians(DIRECTIONS_DEG)
     flow = panel_code.flows(capytaine, body, water, omega, direction)
-    friction = panel_code.friction_of_roll(model, water, omega[::-1], panel_code.Flow(*(part[::-1] for part in flow)))
+    friction = panel_code.friction_of_roll(
+        model, water, omega[::-1], panel_code.SolvedFlow(*(part[::-1] for part in flow))
+    )
     motion, drift, _ = panel_code.free_motion(model, water, omega, direction, flow, friction)
     own = capytaine_drift(model, water, body, omega, friction)
     return {

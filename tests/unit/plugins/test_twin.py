@@ -18,7 +18,7 @@ from sim_core.environment.spec import Water
 from tests.recorded import MISSION_TLOG
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
-from xitl_cli.plugins.twin.bank import DRAG_STEP, MOTION, ModelBank, Parameters, with_drag
+from xitl_cli.plugins.twin.bank import DRAG_STEP, MOTION, ModelBank, ModelErrors, with_drag
 from xitl_cli.plugins.twin.boat import LinkFrames, LogFrames, Outputs, open_boat
 from xitl_cli.plugins.twin.session import Twin, TwinReport
 from xitl_cli.profile import load_profile
@@ -28,7 +28,7 @@ DATA = Path(__file__).parents[2] / "data" / "captures"
 OTTER = load_profile("vehicles/otter").vehicle
 assert OTTER is not None
 WATER = Water(density_kgpm3=1025)
-NOMINAL = Parameters(np.ones(2), 1.0, np.zeros(2), np.zeros(2))
+NOMINAL = ModelErrors(np.ones(2), 1.0, np.zeros(2), np.zeros(2))
 
 
 @pytest.fixture(scope="module")

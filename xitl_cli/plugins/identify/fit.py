@@ -24,7 +24,7 @@ from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.free_keys import FreeKey, priors, with_values
 from xitl_cli.plugins.identify.recording import QUANTITIES, Floats
-from xitl_cli.plugins.identify.windows import NAMES, OF_POSITION, OUTPUT_S, Plant, Windows
+from xitl_cli.plugins.identify.windows import NAMES, OF_POSITION, OUTPUT_S, Windows, Simulator
 
 SHARED = (("command delay", "s", 0.1), ("delay of position and velocity", "s", 0.1), ("delay of yaw rate", "s", 0.02))
 OF_RECORDING = (
@@ -92,7 +92,7 @@ class _Problem:
     vessel: VesselSpec
     keys: tuple[FreeKey, ...]
     windows: Windows
-    plant: Plant
+    plant: Simulator
     prior: Floats
     starts: Floats
     weight: Floats
@@ -225,7 +225,7 @@ class _Problem:
 def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats, shared: Floats) -> Floats:
     """Return the samples that a motion would give, (M,).
 
-    motion: (K, W, 6), see `Plant.motion`. place_m: (W, 2) at the start. nuisance: (W, 6) of OF_RECORDING. shared: (3,)
+    motion: (K, W, 6), see `Simulator.motion`. place_m: (W, 2) at the start. nuisance: (W, 6) of OF_RECORDING. shared: (3,)
     of SHARED.
     """
     window, code = windows.window, windows.quantity
@@ -286,7 +286,7 @@ def fit(
     prior = np.concatenate([priors(keys), nuisance])
     noise = np.array([sigma for _, sigma in QUANTITIES.values()])
     weight = 1.0 / noise[windows.quantity]
-    problem = _Problem(vessel, tuple(keys), windows, Plant(water), prior, windows.starts(), weight, wind, robust)
+    problem = _Problem(vessel, tuple(keys), windows, Simulator(water), prior, windows.starts(), weight, wind, robust)
     x, of_quantity = np.zeros(len(prior)), {}
     for number in range(1, _ROUNDS + 1):
         before = x

@@ -15,7 +15,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.signals.motion import geodetic_series
 from xitl_cli.logs.signals.series import Series, first_instance, make_series, stacked_columns
 from xitl_cli.logs.signals.states import rows_in_use
-from xitl_cli.plugins.identify.recording import Channel, Floats, Quantity, Recording, channel
+from xitl_cli.plugins.identify.recording import Floats, Quantity, Recording, Samples, channel
 from xitl_cli.profile.schema.agents import ReplaySpec
 from xitl_cli.replay.motor_schedule import replayed_span_s, schedule_from_pulses
 from xitl_cli.replay.pulse_log import read_pulse_log
@@ -48,7 +48,7 @@ def read_log(path: Path, vessel: VesselSpec, replay: ReplaySpec, source: str) ->
     return Recording(str(path), channels, command_s[keep], commands[keep])
 
 
-def _estimated_channels(log: Log, zero_ns: int) -> dict[Quantity, Channel]:
+def _estimated_channels(log: Log, zero_ns: int) -> dict[Quantity, Samples]:
     """Channels of the autopilot's estimate."""
     channels = _attitude_channels(log, zero_ns)
     local = signals.position_ned(log)
@@ -62,7 +62,7 @@ def _estimated_channels(log: Log, zero_ns: int) -> dict[Quantity, Channel]:
     return channels
 
 
-def _receiver_channels(log: Log, zero_ns: int) -> dict[Quantity, Channel]:
+def _receiver_channels(log: Log, zero_ns: int) -> dict[Quantity, Samples]:
     """Channels of the receiver's fixes, with the attitude of the autopilot."""
     channels = _attitude_channels(log, zero_ns)
     fixes, table = geodetic_series(log, "GPS", ("Lat", "Lng", "Alt")), first_instance(log, "GPS")
@@ -80,8 +80,8 @@ def _receiver_channels(log: Log, zero_ns: int) -> dict[Quantity, Channel]:
     return channels
 
 
-def _attitude_channels(log: Log, zero_ns: int) -> dict[Quantity, Channel]:
-    channels: dict[Quantity, Channel] = {}
+def _attitude_channels(log: Log, zero_ns: int) -> dict[Quantity, Samples]:
+    channels: dict[Quantity, Samples] = {}
     if (yaw := signals.yaw(log)) is not None:
         channels["yaw"] = channel(_seconds(yaw, zero_ns), np.unwrap(np.radians(yaw.values)))
     if (rate := signals.yaw_rate(log)) is not None:
@@ -89,7 +89,7 @@ def _attitude_channels(log: Log, zero_ns: int) -> dict[Quantity, Channel]:
     return channels
 
 
-def _add(channels: dict[Quantity, Channel], zero_ns: int, series: Series, first: Quantity, second: Quantity) -> None:
+def _add(channels: dict[Quantity, Samples], zero_ns: int, series: Series, first: Quantity, second: Quantity) -> None:
     time_s = _seconds(series, zero_ns)
     channels[first] = channel(time_s, series.values[:, 0])
     channels[second] = channel(time_s, series.values[:, 1])

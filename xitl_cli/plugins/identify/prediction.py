@@ -10,7 +10,7 @@ import numpy as np
 from sim_core.environment.spec import Water
 from xitl_cli.plugins.identify.fit import SHARED, Fit, fit
 from xitl_cli.plugins.identify.recording import Floats, Recording
-from xitl_cli.plugins.identify.windows import OUTPUT_S, Plant, Windows, cut
+from xitl_cli.plugins.identify.windows import OUTPUT_S, Windows, Simulator, cut
 
 HORIZONS_S = (1.0, 5.0, 10.0, 30.0)
 MODELS = ("identified", "start", "linear", "persistence")
@@ -104,7 +104,7 @@ class Predictor:
 
     def __init__(self, fitted: Fit, start: Fit, linear: LinearModel, water: Water) -> None:
         self._fits = {"identified": fitted, "start": start}
-        self._linear, self._plant = linear, Plant(water)
+        self._linear, self._plant = linear, Simulator(water)
 
     def motions(self, windows: Windows) -> dict[str, Floats]:
         """Return (E + 1, W, 6) north, east, yaw and body velocities over ground, every 0.2 s, by each of MODELS."""

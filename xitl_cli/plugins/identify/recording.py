@@ -34,7 +34,7 @@ _DRIFTING, _NEUTRAL, _BEFORE_S = (0.15, 0.15, 0.05), 0.02, 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class Samples:
     """Samples of one quantity. Yaw is continuous, without jumps of a turn."""
 
     time_s: Floats
@@ -54,18 +54,18 @@ class Channel:
         return mean
 
 
-def channel(time_s: Floats, values: Floats, *, average: bool = False) -> Channel:
+def channel(time_s: Floats, values: Floats, *, average: bool = False) -> Samples:
     """Return a channel with at most 10 samples a second. average: of a fast sensor, take the means of 20 intervals."""
     if len(time_s) < 2:
-        return Channel(time_s, values)
+        return Samples(time_s, values)
     rate_hz = _AVERAGED_HZ if average else _SAMPLES_HZ
     every = max(round(1.0 / rate_hz / float(np.median(np.diff(time_s)))), 1)
     if every == 1:
-        return Channel(time_s, values)
+        return Samples(time_s, values)
     if not average:
-        return Channel(time_s[::every], values[::every])
+        return Samples(time_s[::every], values[::every])
     whole = len(time_s) // every * every
-    return Channel(time_s[:whole].reshape(-1, every).mean(axis=1), values[:whole].reshape(-1, every).mean(axis=1))
+    return Samples(time_s[:whole].reshape(-1, every).mean(axis=1), values[:whole].reshape(-1, every).mean(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Recording:
 
     source: str
     """Its file, for messages."""
-    channels: Mapping[Quantity, Channel]
+    channels: Mapping[Quantity, Samples]
     command_s: Floats
     """(K,) rising. Each command is held until the next."""
     commands: Floats
@@ -92,7 +92,7 @@ class Recording:
         channels = {}
         for name, own in self.channels.items():
             rows = slice(*np.searchsorted(own.time_s, (from_s, until_s)))
-            channels[name] = Channel(own.time_s[rows], own.values[rows])
+            channels[name] = Samples(own.time_s[rows], own.values[rows])
         first, last = np.searchsorted(self.command_s, (from_s, until_s))
         rows = slice(max(int(first) - 1, 0), int(last) + 1)
         return Recording(self.source, channels, self.command_s[rows], self.commands[rows])
@@ -142,7 +142,7 @@ class Recording:
         return motion
 
 
-def _rate(has: Mapping[Quantity, Channel], name: Quantity, integral: Quantity, time_s: Floats) -> Floats:
+def _rate(has: Mapping[Quantity, Samples], name: Quantity, integral: Quantity, time_s: Floats) -> Floats:
     """Return a velocity, or the slope of its integral where it is not measured."""
     if name in has:
         return has[name].smooth(time_s)

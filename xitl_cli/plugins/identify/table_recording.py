@@ -11,7 +11,7 @@ import numpy as np
 
 from sim_core.keys import Items, Specification, SpecificationError
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.identify.recording import Channel, Floats, Quantity, Recording, channel
+from xitl_cli.plugins.identify.recording import Floats, Quantity, Recording, Samples, channel
 from xitl_cli.profile.files.yaml_file import read_yaml
 from xitl_cli.profile.reader import read_group
 
@@ -89,7 +89,7 @@ def read_table(path: Path, columns: ColumnMap) -> Recording:
             f"{path}: column {columns.time.column!r} goes from {time_s[back[0]]:g} s back to {time_s[back[0] + 1]:g} s "
             f"in row {back[0] + 3}; sort the rows by time, and give each run its own file"
         )
-    channels: dict[Quantity, Channel] = {}
+    channels: dict[Quantity, Samples] = {}
     for field in fields(columns):
         spec = getattr(columns, field.name)
         if isinstance(spec, ColumnSpec) and field.name != "time":

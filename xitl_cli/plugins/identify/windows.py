@@ -105,7 +105,7 @@ def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None 
     return Windows(tuple(recordings), numbers, start_s, length_s, *columns)
 
 
-class Plant:
+class Simulator:
     """Simulates many windows at once with the model of sim_core in still water."""
 
     def __init__(self, water: Water) -> None:

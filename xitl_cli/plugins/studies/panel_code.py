@@ -119,7 +119,7 @@ def solve(
     )
 
 
-class Flow(NamedTuple):
+class SolvedFlow(NamedTuple):
     """Solved flow in body axes about the origin: (...) of one frequency, or (K, ...) of several."""
 
     added_mass: Array
@@ -143,16 +143,16 @@ def flows(
     omega_radps: Array,
     direction: Array,
     progress: Callable[[int, int], None] = lambda done, of: None,
-) -> Flow:
+) -> SolvedFlow:
     """Solve the flow of K frequencies and D directions of the waves."""
     solved = []
     for number, radps in enumerate(omega_radps.tolist(), 1):
         solved.append(_flow(capytaine, body, water, radps, direction))
         progress(number, len(omega_radps))
-    return Flow(*(np.stack(column) for column in zip(*solved, strict=True)))
+    return SolvedFlow(*(np.stack(column) for column in zip(*solved, strict=True)))
 
 
-def _flow(capytaine: Any, body: Any, water: Water, radps: float, direction: Array) -> Flow:
+def _flow(capytaine: Any, body: Any, water: Water, radps: float, direction: Array) -> SolvedFlow:
     """Solve the flow of one frequency."""
     solver = capytaine.BEMSolver(method="indirect")  # sources, which the far field needs
     at = {"omega": radps, "rho": water.density_kgpm3, "g": GRAVITY_MPS2, "water_depth": math.inf, "body": body}
@@ -179,7 +179,7 @@ def _flow(capytaine: Any, body: Any, water: Water, radps: float, direction: Arra
         scattered.append(result.sources @ far)
     stiffness = hydrostatic_stiffness(body, water)
     turn = _FLIP[:, None] * _FLIP
-    return Flow(
+    return SolvedFlow(
         added_mass * turn,
         damping * turn,
         np.array(excitation) * _FLIP,
@@ -197,14 +197,14 @@ def hydrostatic_stiffness(body: Any, water: Water) -> Array:
     return stiffness
 
 
-def friction_of_roll(model: VesselSpec, water: Water, omega_radps: Array, flow: Flow) -> float:
+def friction_of_roll(model: VesselSpec, water: Water, omega_radps: Array, flow: SolvedFlow) -> float:
     """Return the linear damping of the vessel in roll beyond that of the waves that it makes at its natural period."""
     roll = natural_values(model, water, omega_radps, flow.added_mass, flow.damping)["roll"]
     return max(roll.own_damping - roll.damping, 0.0)
 
 
 def free_motion(
-    model: VesselSpec, water: Water, omega_radps: Array, direction: Array, flow: Flow, friction: float
+    model: VesselSpec, water: Water, omega_radps: Array, direction: Array, flow: SolvedFlow, friction: float
 ) -> tuple[ComplexArray, Array, Array]:
     """Return the motions (K, D, 6), the mean drift (K, D, 2), and both sides of the energy balance over each other.
 

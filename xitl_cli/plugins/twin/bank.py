@@ -31,7 +31,7 @@ _STEPS_S = (0.02, 0.01, 0.005, 0.0025)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
+class ModelErrors:
     """Estimated differences between boat and model."""
 
     thrust_share: Array
@@ -45,7 +45,7 @@ class Parameters:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
+class LinearPrediction:
     """The motion in an interval, and its derivatives."""
 
     motion: Array
@@ -81,7 +81,7 @@ class ModelBank:
         """State of the actuators at the end of the last interval, (1, C)."""
         return self._rotor_speed
 
-    def predict(self, state: Array, parameters: Parameters, commands: Array) -> Prediction:
+    def predict(self, state: Array, parameters: ModelErrors, commands: Array) -> LinearPrediction:
         """Return the motion after one step for each of the (S, C) commands, from the (4,) state."""
         thrusters = self._propellers
         rows = 1 + len(_STATE_STEPS) + thrusters + 4
@@ -98,7 +98,7 @@ class ModelBank:
         by_drag = _difference(fouled, ends[0])[0] / DRAG_STEP
         self._rotor_speed = after.rotor_speed[:1].copy()
         slopes = _difference(ends[1:], ends[0]).T
-        return Prediction(
+        return LinearPrediction(
             motion=ends[0] + (parameters.drag_share - 1.0) * by_drag,
             by_state=slopes[:, :4] / np.array(_STATE_STEPS),
             by_thrust=slopes[:, 4 : 4 + thrusters] / _THRUST_STEP,

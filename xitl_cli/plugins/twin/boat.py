@@ -57,7 +57,7 @@ class Outputs:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Interval:
+class BoatInterval:
     """One interval of a boat."""
 
     end_ns: int
@@ -306,7 +306,7 @@ class IntervalReader:
         self._steps = round(INTERVAL_S / dt_s)
         self._end_s: float | None = None
 
-    def intervals(self) -> Iterator[Interval]:
+    def intervals(self) -> Iterator[BoatInterval]:
         """Yield the intervals that have become complete."""
         telemetry = self._telemetry
         began_s = telemetry.began_s
@@ -323,7 +323,7 @@ class IntervalReader:
             self._end_s += INTERVAL_S
         telemetry.forget_before(self._end_s - 2.0 * INTERVAL_S)
 
-    def _interval(self, end_s: float, attitude: Array, position: Array, outputs: Array) -> Interval:
+    def _interval(self, end_s: float, attitude: Array, position: Array, outputs: Array) -> BoatInterval:
         yaw = np.unwrap(attitude[:, 3])
         turning = np.column_stack((attitude[:, 0], yaw, attitude[:, 4]))
         yaw_rad, rate_radps = _mean(turning, end_s)
@@ -336,7 +336,7 @@ class IntervalReader:
         jumps = np.diff(thrust, axis=0, prepend=thrust[:1]) * np.diff(outputs[:, 0], prepend=outputs[0, 0])[:, None]
         unknown_s = np.sqrt((jumps[inside] ** 2).sum(axis=0) / 12.0)
         now = [float(np.interp(end_s, attitude[:, 0], values)) for values in (attitude[:, 1], attitude[:, 2], yaw)]
-        return Interval(
+        return BoatInterval(
             round(end_s * 1e9),
             np.column_stack(columns),
             unknown_s,

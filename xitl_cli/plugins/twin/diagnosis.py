@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim_core.frames import Array, wrap_pi
-from xitl_cli.plugins.twin.bank import MOTION, PREDICTED, Parameters, Prediction
+from xitl_cli.plugins.twin.bank import MOTION, PREDICTED, LinearPrediction, ModelErrors
 from xitl_cli.plugins.twin.boat import INTERVAL_S
 
 LEARNING = 40
@@ -46,7 +46,7 @@ _BURST, _MOST_BURST = 0.2, 9.0
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ChangeKind:
     """One kind of difference."""
 
     name: str
@@ -73,16 +73,16 @@ class Alarm:
     runner_up: str
 
 
-def kinds_of(propellers: Sequence[str]) -> tuple[Kind, ...]:
+def kinds_of(propellers: Sequence[str]) -> tuple[ChangeKind, ...]:
     """Return the kinds for propellers with these names."""
     count = len(propellers)
-    thrusts = [Kind(f"thrust {name}", (number,), 0.3, "share") for number, name in enumerate(propellers)]
+    thrusts = [ChangeKind(f"thrust {name}", (number,), 0.3, "share") for number, name in enumerate(propellers)]
     return (
         *thrusts,
-        Kind("drag", (count,), 0.6, "share"),
-        Kind("current", (count + 1, count + 2), 0.3, "m/s"),
-        Kind("compass", (count + 3,), 0.2, "rad"),
-        Kind("gnss", (count + 4, count + 5), 4.0, "m"),
+        ChangeKind("drag", (count,), 0.6, "share"),
+        ChangeKind("current", (count + 1, count + 2), 0.3, "m/s"),
+        ChangeKind("compass", (count + 3,), 0.2, "rad"),
+        ChangeKind("gnss", (count + 4, count + 5), 4.0, "m"),
     )
 
 
@@ -98,7 +98,7 @@ class Diagnosis:
 
     propellers: tuple[str, ...]
     alarm: float = field(default_factory=lambda: ALARM)
-    kinds: tuple[Kind, ...] = field(init=False)
+    kinds: tuple[ChangeKind, ...] = field(init=False)
     innovation: Array = field(init=False)
     """(6,) of the nominal filter, measured less predicted."""
     innovation_deviation: Array = field(init=False)
@@ -146,11 +146,11 @@ class Diagnosis:
         return self._mean[0, 4:MOTION]
 
     @property
-    def parameters(self) -> Parameters:
+    def parameters(self) -> ModelErrors:
         """Nominal parameters of the model."""
         last = PREDICTED + len(self.propellers)
         mean = self._mean[0]
-        return Parameters(
+        return ModelErrors(
             np.maximum(mean[PREDICTED:last], 0.0), max(float(mean[last]), 0.0), mean[last + 1 : last + 3], mean[-2:]
         )
 
@@ -160,7 +160,7 @@ class Diagnosis:
         noise: Array = _NOISE * np.sqrt(self._noise_scale)
         return noise
 
-    def update(self, prediction: Prediction, unknown: Array, measured: Array, end_ns: int) -> Alarm | None:
+    def update(self, prediction: LinearPrediction, unknown: Array, measured: Array, end_ns: int) -> Alarm | None:
         """Advance all filters by one interval, with its measured motion (6,). Return an alarm, if one is due.
 
         unknown: deviation of the velocity ahead and of the yaw rate due to outputs between messages, (P, 2).
@@ -196,7 +196,7 @@ class Diagnosis:
         self._evidence[rows] = self._evidence[0]
         self._began[rows] = self.count
 
-    def _predict(self, prediction: Prediction, unknown: Array) -> None:
+    def _predict(self, prediction: LinearPrediction, unknown: Array) -> None:
         thrusters = len(self.propellers)
         size = self._mean.shape[1]
         # Transition at the nominal estimate; displacements add to the position

@@ -9,7 +9,7 @@ import numpy as np
 from sim_core.frames import Array
 from sim_core.rows import with_rows
 from sim_core.vessel.vessel import VesselState
-from xitl_cli.plugins.twin.bank import ModelBank, Parameters, influences, motion_of
+from xitl_cli.plugins.twin.bank import ModelBank, ModelErrors, influences, motion_of
 from xitl_cli.plugins.twin.boat import INTERVAL_S
 
 HORIZON_S = 30.0
@@ -37,7 +37,7 @@ class Ghosts:
         self.errors_m: list[float] = []
         """Distance of each ghost from the boat after 30 s."""
 
-    def advance(self, parameters: Parameters, commands: Array, boat: Array) -> Ghost | None:
+    def advance(self, parameters: ModelErrors, commands: Array, boat: Array) -> Ghost | None:
         """Advance by an interval with (S, C) commands. boat: its motion (6,) at the end. Return the oldest ghost."""
         if self._states is not None:
             current, wind = np.zeros((_COUNT, 3)), np.zeros((_COUNT, 3))
@@ -61,7 +61,7 @@ class Ghosts:
         row = int(np.nanargmax(self._age_s))
         return Ghost(float(self._age_s[row]), motion_of(self._states.motion)[row])
 
-    def _start(self, boat: Array, parameters: Parameters) -> None:
+    def _start(self, boat: Array, parameters: ModelErrors) -> None:
         """Let a ghost begin at the boat."""
         fresh = self._bank.start(boat[None, :4], parameters.thrust_share[None])
         place = fresh.motion.pos_ned_m.copy()
@@ -77,7 +77,7 @@ class Ghosts:
         self._age_s[row] = 0.0
 
 
-def _repeated(state: VesselState, parameters: Parameters, bank: ModelBank) -> VesselState:
+def _repeated(state: VesselState, parameters: ModelErrors, bank: ModelBank) -> VesselState:
     """Return the vessel of a state _COUNT times."""
     shares = np.tile(parameters.thrust_share, (_COUNT, 1))
     many = bank.start(np.tile(motion_of(state.motion)[:, :4], (_COUNT, 1)), shares)

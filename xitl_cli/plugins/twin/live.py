@@ -18,7 +18,7 @@ import numpy as np
 
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.simulation import SimulationState
-from xitl_cli.plugins.twin.boat import BoatTelemetry, Interval
+from xitl_cli.plugins.twin.boat import BoatInterval, BoatTelemetry
 from xitl_cli.plugins.twin.session import Observer
 from xitl_cli.profile.load import LoadedProfile, load_with_origins
 from xitl_cli.profile.schema import RunProfile
@@ -68,7 +68,7 @@ class LiveBoat:
         self._number = 0
         self.speed_mps = self.heading_deg = 0.0
 
-    def show(self, interval: Interval, telemetry: BoatTelemetry) -> None:
+    def show(self, interval: BoatInterval, telemetry: BoatTelemetry) -> None:
         """Move the drawn vessel to the boat."""
         state = self._plant.state
         assert isinstance(state, SimulationState)

@@ -18,7 +18,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.graph.measured import AgentTraffic, measured_graph
 from xitl_cli.graph.wdri import Wdri, graph_wdri
 from xitl_cli.plugins.twin.bank import ModelBank
-from xitl_cli.plugins.twin.boat import INTERVAL_S, BoatTelemetry, Interval, IntervalReader, Outputs, Source
+from xitl_cli.plugins.twin.boat import INTERVAL_S, BoatInterval, BoatTelemetry, IntervalReader, Outputs, Source
 from xitl_cli.plugins.twin.diagnosis import LEARNING, Alarm, Diagnosis
 from xitl_cli.plugins.twin.ghost import Ghost, Ghosts
 from xitl_cli.plugins.twin.topics import TOPICS, TwinAlarm, TwinEvidence, TwinInnovation, TwinPrediction
@@ -42,7 +42,7 @@ _EDGES = (("LA", "PS1"), ("LS", "PS1"), ("PS1", "M"))
 class Observer(Protocol):
     """Watches a twin, such as the 3D view."""
 
-    def show(self, interval: Interval, telemetry: BoatTelemetry) -> None:
+    def show(self, interval: BoatInterval, telemetry: BoatTelemetry) -> None:
         """Show an interval, after it is recorded."""
         ...
 
@@ -150,7 +150,7 @@ class Twin:
             self.report.frames += 1
             self._recorder.frame_received(round(self._telemetry.now_s * 1e9), frame, link=LINK)
 
-    def _compare(self, interval: Interval, tell: Callable[[str], None]) -> None:
+    def _compare(self, interval: BoatInterval, tell: Callable[[str], None]) -> None:
         """Run the model over an interval, and record both."""
         diagnosis, bank = self._diagnosis, self._bank
         self._record_boat(interval)
@@ -179,7 +179,7 @@ class Twin:
             observer.show(interval, self._telemetry)
         self._recorder.flush_if_due()
 
-    def _record_boat(self, interval: Interval) -> None:
+    def _record_boat(self, interval: BoatInterval) -> None:
         yaw_rad, rate_radps = interval.attitude_rad[2], interval.motion[3]
         north_mps, east_mps, _, _, north_m, east_m = interval.motion
         half = 0.5 * interval.length_s
@@ -195,7 +195,7 @@ class Twin:
         command = MotorCommand(tuple(interval.commands[-1].tolist()), interval.armed)
         self._recorder.actuators(interval.end_ns, command, self._names)
 
-    def _record_twin(self, interval: Interval, boat: Array, ghost: Ghost | None) -> None:
+    def _record_twin(self, interval: BoatInterval, boat: Array, ghost: Ghost | None) -> None:
         diagnosis, recorder, stamp_ns = self._diagnosis, self._recorder, interval.end_ns
         parameters = diagnosis.parameters
         recorder.write(

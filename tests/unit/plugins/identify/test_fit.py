@@ -16,8 +16,8 @@ from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.fit import SHARED, fit
 from xitl_cli.plugins.identify.free_keys import free_keys, with_values
 from xitl_cli.plugins.identify.identification import Settings, identify, split
-from xitl_cli.plugins.identify.recording import Channel, check_recording
-from xitl_cli.plugins.identify.windows import Plant, cut
+from xitl_cli.plugins.identify.recording import Samples, check_recording
+from xitl_cli.plugins.identify.windows import Simulator, cut
 
 FREE = ("added_mass.sway_kg", "added_mass.yaw_kgm2", "damping_linear.surge", "damping_linear.yaw")
 
@@ -56,7 +56,7 @@ def test_a_boat_that_never_turns_leaves_the_yaw_undetermined() -> None:
     run = pool_run(boat(), 70.0)
     straight = np.repeat(run.commands.mean(axis=1, keepdims=True), 2, axis=1)
     ahead = replace(pool_run(boat(), 70.0), commands=straight)
-    still = {name: Channel(own.time_s, np.zeros_like(own.values)) for name, own in ahead.channels.items()}
+    still = {name: Samples(own.time_s, np.zeros_like(own.values)) for name, own in ahead.channels.items()}
     still["north"] = ahead.channels["north"]
     result = fit(boat(), free_keys(boat(), FREE, ()), cut([replace(ahead, channels=still)], 10.0), Water(), wind=False)
     yaw = FREE.index("added_mass.yaw_kgm2")
@@ -67,11 +67,11 @@ def test_four_strips_hold_a_boat_in_still_water_as_many_do() -> None:
     commands = np.full((1, 300, 2), 0.5)
     commands[:, 150:, 0] = -0.2
     start = np.array([[0.0, 1.0, 0.1, 0.1]])
-    few = Plant(Water()).motion(boat(), start, commands, np.zeros((1, 2)))[-1, 0]
+    few = Simulator(Water()).motion(boat(), start, commands, np.zeros((1, 2)))[-1, 0]
     hull = boat().hull
     assert hull is not None
     fewest = replace(boat(), hull=replace(hull, strips=4))
-    assert few == pytest.approx(Plant(Water()).motion(fewest, start, commands, np.zeros((1, 2)))[-1, 0], abs=1e-9)
+    assert few == pytest.approx(Simulator(Water()).motion(fewest, start, commands, np.zeros((1, 2)))[-1, 0], abs=1e-9)
     assert MotionStep is not None
     assert few[3:] == pytest.approx(full_motion(commands, start), abs=5e-3)
 
@@ -105,13 +105,13 @@ def test_what_a_recording_lacks() -> None:
         check_recording(replace(run, commands=np.full_like(run.commands, 0.3)), 2)
     degrees = {
         **run.channels,
-        "yaw_rate": Channel(run.channels["yaw_rate"].time_s, run.channels["yaw_rate"].values * 57.3),
+        "yaw_rate": Samples(run.channels["yaw_rate"].time_s, run.channels["yaw_rate"].values * 57.3),
     }
     with pytest.raises(UserError, match=r"yaw_rate is 6\d\.?\d* times the rate of yaw .*correct the unit"):
         check_recording(replace(run, channels=degrees), 2)
     north = run.channels["north"]
     kept = (north.time_s < 4.0) | (north.time_s > 26.0)
-    gap = {**run.channels, "north": Channel(north.time_s[kept], north.values[kept])}
+    gap = {**run.channels, "north": Samples(north.time_s[kept], north.values[kept])}
     with pytest.raises(UserError, match="no part of 10 s is without a gap"):
         cut([replace(run, channels=gap)], 10.0)
 

@@ -35,7 +35,7 @@ def boxed(folder: Path) -> VesselSpec:
     return replace(BOX, hulls=(DemiHull(length_m=2.0, keel_frd_m=(0.0, 0.0, 0.15), mesh=mesh),))
 
 
-def flow_of(model: VesselSpec, panels: int, period_s: float) -> tuple[panel_code.Flow, float]:
+def flow_of(model: VesselSpec, panels: int, period_s: float) -> tuple[panel_code.SolvedFlow, float]:
     """The flow of one frequency in following and beam seas, and the volume that the panels displace."""
     rest = floating_pose(model, WATER)
     body = panel_code.panel_body(capytaine, model, rest, panel_code.vessel_panels(model, rest, panels))

@@ -8,10 +8,11 @@ import numpy as np
 
 from sim_core.vessel.panel_tables import PanelTables
 from xitl_cli.plugins.studies.manoeuvres.closed_forms import GRAVITY_MPS2, Array, LinearSeakeeping
-from xitl_cli.plugins.studies.manoeuvres.references import Kind, Source
+from xitl_cli.plugins.studies.manoeuvres.references import ReferenceKind, Source
 
 PANEL_CODE = Source(
-    Kind.PANEL_CODE, "Capytaine, the tables of hydrodynamics_file, with the mass of the vessel and its waterline"
+    ReferenceKind.PANEL_CODE,
+    "Capytaine, the tables of hydrodynamics_file, with the mass of the vessel and its waterline",
 )
 SHALLOW = 0.01
 """Largest share by which the bottom may lower the square of the frequency."""

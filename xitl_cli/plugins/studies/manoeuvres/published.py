@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from xitl_cli.plugins.studies.manoeuvres.references import Kind, Source
+from xitl_cli.plugins.studies.manoeuvres.references import ReferenceKind, Source
 
 HOERNER = (
     (0.0109, 1.9661), (0.1766, 1.9657), (0.3530, 1.8976), (0.4519, 1.7872), (0.4728, 1.5837), (0.4929, 1.2786),
@@ -78,11 +78,11 @@ _OTTER_AHEAD = math.sqrt(0.5 * 24.4 * 9.81 / (0.5 * 0.02216))
 _OTTER_ASTERN = math.sqrt(0.5 * 13.6 * 9.81 / (0.5 * 0.01289))
 """Fastest shafts of otter.py, rad/s."""
 _HERON = "Clearpath's own simulation, which the vessel is made after, has thrust and drag for 2.7 m/s"
-_OTTER = Source(Kind.PUBLISHED, "Fossen's Otter (PythonVehicleSimulator), its equations run")
-_CYBERSHIP = Source(Kind.PUBLISHED, "Skjetne, Smogeli & Fossen 2004 (CyberShip II), their equations run")
-_WAMV = Source(Kind.PUBLISHED, "VRX 2.4's WAM-V plugins, their equations run")
+_OTTER = Source(ReferenceKind.PUBLISHED, "Fossen's Otter (PythonVehicleSimulator), its equations run")
+_CYBERSHIP = Source(ReferenceKind.PUBLISHED, "Skjetne, Smogeli & Fossen 2004 (CyberShip II), their equations run")
+_WAMV = Source(ReferenceKind.PUBLISHED, "VRX 2.4's WAM-V plugins, their equations run")
 _TRONDHEIM = Source(
-    Kind.MEASURED, "recordings of a BlueBoat at Trondheim (BlueBoatSystemIdentification), used to fit it"
+    ReferenceKind.MEASURED, "recordings of a BlueBoat at Trondheim (BlueBoatSystemIdentification), used to fit it"
 )
 
 
@@ -138,7 +138,7 @@ RECORDED_RUNS = {
 
 
 def _data_sheet(speed_mps: float, text: str, disputed: str = "") -> PublishedFigure:
-    return PublishedFigure("top_speed_mps", speed_mps, DATA_SHEET, Source(Kind.PUBLISHED, text), disputed)
+    return PublishedFigure("top_speed_mps", speed_mps, DATA_SHEET, Source(ReferenceKind.PUBLISHED, text), disputed)
 
 
 FIGURES: dict[str, tuple[PublishedFigure, ...]] = {

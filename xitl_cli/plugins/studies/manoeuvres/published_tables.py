@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from xitl_cli.plugins.studies.manoeuvres.references import Kind, Source
+from xitl_cli.plugins.studies.manoeuvres.references import ReferenceKind, Source
 
-EPSG = Source(Kind.PUBLISHED, "IOGP 373-7-2 (EPSG Guidance Note 7-2), example of method 9837, WGS 84")
-TR8350 = Source(Kind.PUBLISHED, "NIMA TR8350.2, WGS 84: derived constants")
-DEGREES = Source(Kind.PUBLISHED, "NGA, American Practical Navigator (Bowditch): length of a degree, WGS 84")
-WMM = Source(Kind.PUBLISHED, "NOAA/NCEI, WMM2025 test values")
-ISA = Source(Kind.PUBLISHED, "ISO 2533:1975, pressure over geopotential altitude")
-SPM = Source(Kind.PUBLISHED, "US Army Shore Protection Manual 1984, table C-1")
-DNV_PERIODS = Source(Kind.PUBLISHED, "DNV-RP-C205, 3.5.5: periods of JONSWAP over its peak enhancement")
-DNV_PEAK = Source(Kind.PUBLISHED, "DNV-RP-C205, 3.5.5: normalising factor of JONSWAP")
+EPSG = Source(ReferenceKind.PUBLISHED, "IOGP 373-7-2 (EPSG Guidance Note 7-2), example of method 9837, WGS 84")
+TR8350 = Source(ReferenceKind.PUBLISHED, "NIMA TR8350.2, WGS 84: derived constants")
+DEGREES = Source(ReferenceKind.PUBLISHED, "NGA, American Practical Navigator (Bowditch): length of a degree, WGS 84")
+WMM = Source(ReferenceKind.PUBLISHED, "NOAA/NCEI, WMM2025 test values")
+ISA = Source(ReferenceKind.PUBLISHED, "ISO 2533:1975, pressure over geopotential altitude")
+SPM = Source(ReferenceKind.PUBLISHED, "US Army Shore Protection Manual 1984, table C-1")
+DNV_PERIODS = Source(ReferenceKind.PUBLISHED, "DNV-RP-C205, 3.5.5: periods of JONSWAP over its peak enhancement")
+DNV_PEAK = Source(ReferenceKind.PUBLISHED, "DNV-RP-C205, 3.5.5: normalising factor of JONSWAP")
 
 TOPOCENTRE = (55.0, 5.0, 200.0)
 """Latitude, longitude (degrees) and height (m) of the origin of EPSG's example."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Kind(StrEnum):
+class ReferenceKind(StrEnum):
     """Kinds of references, the most independent first."""
 
     MEASURED = "measured"
@@ -29,14 +29,14 @@ class Kind(StrEnum):
     @property
     def from_outside(self) -> bool:
         """Whether the value comes from outside the project."""
-        return self in (Kind.MEASURED, Kind.PUBLISHED, Kind.PANEL_CODE)
+        return self in (ReferenceKind.MEASURED, ReferenceKind.PUBLISHED, ReferenceKind.PANEL_CODE)
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
     """Source of references."""
 
-    kind: Kind
+    kind: ReferenceKind
     text: str
     """Paper, standard or theory."""
 
@@ -53,7 +53,7 @@ class FigureReference:
     """True if the figure may be any amount smaller."""
 
 
-def kind_shares(references: Iterable[FigureReference | None]) -> dict[Kind, int]:
+def kind_shares(references: Iterable[FigureReference | None]) -> dict[ReferenceKind, int]:
     """Return the number of references of each kind, of all kinds in their order."""
     found = Counter(reference.source.kind for reference in references if reference is not None)
-    return {kind: found[kind] for kind in Kind}
+    return {kind: found[kind] for kind in ReferenceKind}

@@ -17,7 +17,7 @@ from sim_core.vessel.spec import VesselSpec, Windage
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 from xitl_cli.plugins.studies.manoeuvres import measures
 from xitl_cli.plugins.studies.manoeuvres.helm import FULL_STEERING_DEG
-from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, Kind, Source
+from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, ReferenceKind, Source
 from xitl_cli.plugins.studies.manoeuvres.track import Instant, Track, sail, spread, start
 from xitl_cli.plugins.studies.manoeuvres.trials import SeaTrials, SteeringOrder, TurnOrder, ZigZagOrder
 
@@ -35,11 +35,12 @@ class Approach:
     """References of the manoeuvres, by the key of the fact."""
 
 
-_YASUKAWA = Source(Kind.PUBLISHED, "Yasukawa & Yoshimura 2015, table 4: their simulation")
-_MARIN = Source(Kind.MEASURED, "Yasukawa & Yoshimura 2015, table 4: free run of MARIN for SIMMAN 2008")
-_MMG = Source(Kind.PUBLISHED, "equations and tables of Yasukawa & Yoshimura 2015, integrated separately")
+_YASUKAWA = Source(ReferenceKind.PUBLISHED, "Yasukawa & Yoshimura 2015, table 4: their simulation")
+_MARIN = Source(ReferenceKind.MEASURED, "Yasukawa & Yoshimura 2015, table 4: free run of MARIN for SIMMAN 2008")
+_MMG = Source(ReferenceKind.PUBLISHED, "equations and tables of Yasukawa & Yoshimura 2015, integrated separately")
 _MSS = Source(
-    Kind.PUBLISHED, "mariner.m of MSS (Chislett & Strom-Tejsen 1965), its equations run with the steps of zigzag.m"
+    ReferenceKind.PUBLISHED,
+    "mariner.m of MSS (Chislett & Strom-Tejsen 1965), its equations run with the steps of zigzag.m",
 )
 APPROACHES = {
     "kvlcc2-l7": Approach(

@@ -55,7 +55,7 @@ MMG_RANGES = {
 """Twice to half the values of merchant ships (Yasukawa and Yoshimura 2015; Yoshimura and Masumoto 2012)."""
 
 
-class Hulls:
+class HullSizes:
     """Length, width and draft of each hull at rest, (H,), and estimates of them."""
 
     def __init__(self, rest: AtRest) -> None:
@@ -122,7 +122,7 @@ def shape_findings(model: VesselSpec) -> Iterator[VesselFinding]:
 
 def size_findings(rest: AtRest) -> Iterator[VesselFinding]:
     """Yield values beyond those of boats of this size that need no run."""
-    model, hulls = rest.model, Hulls(rest)
+    model, hulls = rest.model, HullSizes(rest)
     yield from shape_findings(model)
     yield from _mass_findings(rest, hulls)
     yield from _added_mass_findings(rest, hulls)
@@ -146,7 +146,7 @@ def size_findings(rest: AtRest) -> Iterator[VesselFinding]:
             )
 
 
-def _mass_findings(rest: AtRest, hulls: Hulls) -> Iterator[VesselFinding]:
+def _mass_findings(rest: AtRest, hulls: HullSizes) -> Iterator[VesselFinding]:
     model = rest.model
     sunk = float((hulls.draft_m / hulls.height_m).max())
     if sunk < 0.1:
@@ -172,7 +172,7 @@ def _mass_findings(rest: AtRest, hulls: Hulls) -> Iterator[VesselFinding]:
         )
 
 
-def _added_mass_findings(rest: AtRest, hulls: Hulls) -> Iterator[VesselFinding]:
+def _added_mass_findings(rest: AtRest, hulls: HullSizes) -> Iterator[VesselFinding]:
     for axis, usual in hulls.added_mass(rest.model.mass_kg).items():
         least, most = ADDED_MASS[axis]
         has = float(rest.added_mass[axis])
@@ -187,7 +187,7 @@ def _added_mass_findings(rest: AtRest, hulls: Hulls) -> Iterator[VesselFinding]:
             )
 
 
-def _actuator_findings(model: VesselSpec, hulls: Hulls) -> Iterator[VesselFinding]:
+def _actuator_findings(model: VesselSpec, hulls: HullSizes) -> Iterator[VesselFinding]:
     draft_m = float(hulls.draft_m.max())
     for number, rudder in enumerate(model.rudders):
         share = rudder.area_m2 / (model.length_m * draft_m)
@@ -274,13 +274,13 @@ def way_findings(rest: AtRest, top_mps: float, at_speed: SmallMotion) -> Iterato
                 "check the drag in surge against the thrust of the propellers",
             )
         return
-    hulls = Hulls(rest)
+    hulls = HullSizes(rest)
     yield from _drag_findings(rest, hulls, top_mps)
     yield from _contents_findings(rest, top_mps, at_speed)
     yield from _derivative_findings(rest, hulls, top_mps, at_speed)
 
 
-def _drag_findings(rest: AtRest, hulls: Hulls, top_mps: float) -> Iterator[VesselFinding]:
+def _drag_findings(rest: AtRest, hulls: HullSizes, top_mps: float) -> Iterator[VesselFinding]:
     model = rest.model
     ahead, across = np.zeros((1, 6)), np.zeros((1, 6))
     ahead[0, 0], across[0, 1] = top_mps, 0.5 * top_mps
@@ -347,7 +347,9 @@ def _contents_findings(rest: AtRest, top_mps: float, at_speed: SmallMotion) -> I
         )
 
 
-def _derivative_findings(rest: AtRest, hulls: Hulls, top_mps: float, at_speed: SmallMotion) -> Iterator[VesselFinding]:
+def _derivative_findings(
+    rest: AtRest, hulls: HullSizes, top_mps: float, at_speed: SmallMotion
+) -> Iterator[VesselFinding]:
     """Compare Y_v and N_v at speed with regressions, and the lever of the drag of drift at rest with the length."""
     model = rest.model
     for axis, symbol, usual in zip((1, 5), ("Y_v", "N_v"), hulls.clarke(top_mps), strict=True):
@@ -407,7 +409,7 @@ def clarke_yaw_damping_nmps(rest: AtRest, speed_mps: float) -> float:
     pi (T / L)^2 (1 / 4 + 0.039 B / T - 0.56 B / L), made dimensional by rho L^4 U / 2. The bracket is at least 0.1,
     because it is negative for hulls far wider than ships.
     """
-    hulls = Hulls(rest)
+    hulls = HullSizes(rest)
     draft_m, length_m, width_m = hulls.draft_m, hulls.length_m, hulls.width_m
     bracket = np.maximum(0.25 + 0.039 * width_m / draft_m - 0.56 * width_m / length_m, 0.1)
     total = float((math.pi * draft_m**2 * length_m**2 * bracket).sum())

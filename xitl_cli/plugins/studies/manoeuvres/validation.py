@@ -36,7 +36,7 @@ from xitl_cli.plugins.studies.manoeuvres.published import (
     SAME_HEADING_DEG,
     SAME_MODEL,
 )
-from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, Kind, Source
+from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, ReferenceKind, Source
 from xitl_cli.plugins.studies.manoeuvres.ship_trials import ship_references, ship_trials
 from xitl_cli.plugins.studies.manoeuvres.station import ESTIMATE_M, loiter_radius_m, station_keeping
 from xitl_cli.plugins.studies.manoeuvres.surroundings import SURROUNDINGS, compared_sections
@@ -57,14 +57,14 @@ from xitl_cli.plugins.studies.manoeuvres.trials import (
 from xitl_cli.plugins.studies.manoeuvres.vessel_check import afloat_facts
 from xitl_cli.profile.schema.agents import AutopilotSpec
 
-ARCHIMEDES = Source(Kind.CLOSED_FORM, "Archimedes and the second moments of the waterline")
-LINEAR = Source(Kind.CLOSED_FORM, "linear equations of motion with the waterline's stiffness")
-LONG_WAVES = Source(Kind.CLOSED_FORM, "a vessel follows waves much longer than itself (Newman 1977, ch. 6)")
-SURGE_ALONE = Source(Kind.SAME_EQUATIONS, "the equation of surge alone, level")
-HORIZONTAL = Source(Kind.SAME_EQUATIONS, "equations of surge, sway and yaw alone, integrated separately")
-STRIPS = Source(Kind.SAME_EQUATIONS, "linear strip theory of relative motion, in the frequency domain")
-MIRRORED = Source(Kind.SAME_EQUATIONS, "turns to port and starboard are equal for a symmetric vessel")
-LOITER = Source(Kind.SAME_EQUATIONS, "LOIT_RADIUS of the embedded autopilot, by its own estimate")
+ARCHIMEDES = Source(ReferenceKind.CLOSED_FORM, "Archimedes and the second moments of the waterline")
+LINEAR = Source(ReferenceKind.CLOSED_FORM, "linear equations of motion with the waterline's stiffness")
+LONG_WAVES = Source(ReferenceKind.CLOSED_FORM, "a vessel follows waves much longer than itself (Newman 1977, ch. 6)")
+SURGE_ALONE = Source(ReferenceKind.SAME_EQUATIONS, "the equation of surge alone, level")
+HORIZONTAL = Source(ReferenceKind.SAME_EQUATIONS, "equations of surge, sway and yaw alone, integrated separately")
+STRIPS = Source(ReferenceKind.SAME_EQUATIONS, "linear strip theory of relative motion, in the frequency domain")
+MIRRORED = Source(ReferenceKind.SAME_EQUATIONS, "turns to port and starboard are equal for a symmetric vessel")
+LOITER = Source(ReferenceKind.SAME_EQUATIONS, "LOIT_RADIUS of the embedded autopilot, by its own estimate")
 
 OF_WATERLINE, OF_BM, OF_LENGTH = 0.01, 0.02, 0.05
 """Tolerance for the strips, which blunt a hull's ends; n of them omit 1 / n^2 of the longitudinal moment."""

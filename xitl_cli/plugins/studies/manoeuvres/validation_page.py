@@ -11,7 +11,7 @@ from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Finding, Grid, Section
 from xitl_cli.logs.report.page import FileCard, Page, PagePart
 from xitl_cli.plugins.studies.manoeuvres.panel_reference import PANEL_CODE
-from xitl_cli.plugins.studies.manoeuvres.references import Kind, kind_shares
+from xitl_cli.plugins.studies.manoeuvres.references import ReferenceKind, kind_shares
 from xitl_cli.plugins.studies.manoeuvres.validation import (
     ARCHIMEDES,
     HORIZONTAL,
@@ -124,7 +124,7 @@ def counts(validation: Validation) -> tuple[int, int, int]:
     return verdicts.count(True), verdicts.count(False), sum(figure.reference is None for figure in validation.figures)
 
 
-def kind_counts(validations: Iterable[Validation]) -> dict[Kind, int]:
+def kind_counts(validations: Iterable[Validation]) -> dict[ReferenceKind, int]:
     """Return the number of comparisons of each kind."""
     return kind_shares(figure.reference for validation in validations for figure in validation.figures)
 

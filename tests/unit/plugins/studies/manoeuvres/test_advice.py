@@ -9,7 +9,7 @@ import pytest
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Section
 from xitl_cli.plugins.studies.manoeuvres import validation
-from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, Kind, Source
+from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, ReferenceKind, Source
 from xitl_cli.plugins.studies.manoeuvres.validation import ValidatedFigure, Validation
 from xitl_cli.plugins.studies.manoeuvres.validation_page import advice, shares, validation_page
 
@@ -23,7 +23,7 @@ SOURCES = {
     validation.PANEL_CODE: "vehicle.hydrodynamics_file",
     validation.LONG_WAVES: "vehicle.inertia_kgm2",
     validation.LOITER: "LOIT_RADIUS",
-    Source(Kind.PUBLISHED, "Fossen 2021"): "vehicle.name",
+    Source(ReferenceKind.PUBLISHED, "Fossen 2021"): "vehicle.name",
 }
 
 
@@ -58,7 +58,7 @@ def test_the_page_has_the_advice_as_the_next_step() -> None:
 
 
 def test_the_shares_count_each_comparison_once() -> None:
-    sources = (*SOURCES, Source(Kind.MEASURED, "a tank"))
+    sources = (*SOURCES, Source(ReferenceKind.MEASURED, "a tank"))
     figures = tuple(figure(10.0, source) for source in sources)
     unknown = ValidatedFigure("Free decays", "roll_period_s", "roll, natural period", "s", 1.0, None)
     found = dict(shares([Validation("boat", "rudder", (), (*figures, unknown))]))
