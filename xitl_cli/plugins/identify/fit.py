@@ -24,7 +24,7 @@ from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.free_keys import FreeKey, priors, with_values
 from xitl_cli.plugins.identify.recording import QUANTITIES, Floats
-from xitl_cli.plugins.identify.windows import NAMES, OF_POSITION, OUTPUT_S, Windows, Simulator
+from xitl_cli.plugins.identify.windows import NAMES, OF_POSITION, OUTPUT_S, Simulator, Windows
 
 SHARED = (("command delay", "s", 0.1), ("delay of position and velocity", "s", 0.1), ("delay of yaw rate", "s", 0.02))
 OF_RECORDING = (
@@ -225,8 +225,8 @@ class _Problem:
 def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats, shared: Floats) -> Floats:
     """Return the samples that a motion would give, (M,).
 
-    motion: (K, W, 6), see `Simulator.motion`. place_m: (W, 2) at the start. nuisance: (W, 6) of OF_RECORDING. shared: (3,)
-    of SHARED.
+    motion: (K, W, 6), see `Simulator.motion`. place_m: (W, 2) at the start. nuisance: (W, 6) of OF_RECORDING.
+    shared: (3,) of SHARED.
     """
     window, code = windows.window, windows.quantity
     offset_s = windows.offset_s - np.array([0.0, shared[1], shared[2]])[_DELAY_OF[code]]

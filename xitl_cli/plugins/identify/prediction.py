@@ -10,7 +10,7 @@ import numpy as np
 from sim_core.environment.spec import Water
 from xitl_cli.plugins.identify.fit import SHARED, Fit, fit
 from xitl_cli.plugins.identify.recording import Floats, Recording
-from xitl_cli.plugins.identify.windows import OUTPUT_S, Windows, Simulator, cut
+from xitl_cli.plugins.identify.windows import OUTPUT_S, Simulator, Windows, cut
 
 HORIZONS_S = (1.0, 5.0, 10.0, 30.0)
 MODELS = ("identified", "start", "linear", "persistence")
