@@ -400,7 +400,8 @@ def report_text(report: Mapping[str, Any]) -> str:
     """Return a report for a terminal of 80 columns: tables, histograms, and a sentence for each rate."""
     machine, fifo = report["machine"], report["fifo"]
     highest_hz = [rate["highest_rate_hz"] for rate in report["rates"]]
-    lines = [f"{machine['name']}, {machine['kernel']}, Python {machine['python']}, {machine['processors']} processors"]
+    python = f"Python {machine['python']}, {machine['processors']} processors"
+    lines = wrap(f"{machine['name']}, {machine['kernel']}, {python}", WIDTH)
     if not fifo["permitted"]:
         lines += wrap(f"without SCHED_FIFO: {fifo['problem']}", WIDTH)
     lines += ["", f"start lateness in µs, {report['duration_s']:g} s for each loop"]
