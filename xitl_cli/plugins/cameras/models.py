@@ -28,8 +28,8 @@ VERTEX = np.dtype(
 SMOOTH_COSINE = 0.78
 """Faces that meet at a smaller angle are shaded as one round surface."""
 GROUND_CELL_M = 4.0
-DEEP_M = 3.0
-"""Triangles deeper below the mean water are never seen: the water is opaque, and tides are smaller."""
+DEEP_M, BURIED_M = 1.0, 0.4
+"""Triangles deeper below the lowest still water, or below the ground, are never seen: the water is opaque."""
 WATER_C, AIR_C = 24.0, 27.0
 _TEMPERATURES_C = {
     ObjectClass.GROUND: 31.0,
@@ -131,8 +131,11 @@ def _object(name: str, kind: ObjectClass, points_m: Array, rotation: Array | Non
     return WorldObject(name, kind, (x, y, z), (length, width, height), turn)
 
 
-def world_model(scenery: Scenery) -> Model:
-    """Return everything that does not move, in NED. Floats of the boom, buildings and meshes are objects of their own."""
+def world_model(scenery: Scenery, lowest_tide_m: float = 0.0) -> Model:
+    """Return everything that does not move, in NED. Floats of the boom, buildings and meshes are objects of their own.
+
+    lowest_tide_m: lowest height of the water above its mean level.
+    """
     vertices: list[NDArray[np.void]] = []
     objects: list[WorldObject] = []
     parts: list[ScenePart] = list(scenery.scene.parts)
@@ -155,9 +158,12 @@ def world_model(scenery: Scenery) -> Model:
         vertices.append(_of_mesh(part.mesh, kind, len(objects), colour))
         objects.append(_object(name, kind, points, rotation))
     joined = np.concatenate(vertices) if vertices else np.zeros(0, VERTEX)
-    high_m = joined["position"][:, 2].reshape(-1, 3).min(axis=1)
-    seen = np.repeat(high_m < scenery.water_down_m + DEEP_M, 3)
-    return Model(joined[seen], tuple(objects))
+    corners = joined["position"].astype(float).reshape(-1, 3, 3)
+    seen = corners[..., 2].min(axis=1) < scenery.water_down_m - lowest_tide_m + DEEP_M
+    if isinstance(scenery.bed, RiverBed):
+        below_ground_m = corners[..., 2] - scenery.bed.bed_down_m(corners[..., :2])
+        seen &= below_ground_m.min(axis=1) < BURIED_M
+    return Model(joined[np.repeat(seen, 3)], tuple(objects))
 
 
 def _long_axis(points_m: Array) -> Array:
