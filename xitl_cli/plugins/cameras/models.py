@@ -14,7 +14,7 @@ from sim_core.frames import Array
 from sim_core.vessel.sections import hull_shape
 from sim_core.vessel.spec import VesselSpec
 from sim_core.world.debris import BodyKind
-from sim_core.world.geometry import STEEL, UPRIGHT, Mesh, box, cylinder, moved
+from sim_core.world.geometry import STEEL, UPRIGHT, Mesh, box, cylinder, moved, sphere
 from sim_core.world.rays import ScenePart
 from sim_core.world.river import RiverBed
 from xitl_cli.plugins.cameras.images import ObjectClass
@@ -24,7 +24,7 @@ from xitl_cli.scenery import Scenery
 VERTEX = np.dtype(
     [("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "<f4", 4), ("id", "<f4"), ("temperature", "<f4")]
 )
-"""colour: linear red, green and blue, then the strength of the pattern on the surface."""
+"""colour: linear red, green and blue, then the strength of the pattern on the surface, or `LIGHT` for a lamp."""
 SMOOTH_COSINE = 0.78
 """Faces that meet at a smaller angle are shaded as one round surface."""
 GROUND_CELL_M = 4.0
@@ -65,6 +65,10 @@ _PART_CLASSES = {
     "building": ObjectClass.BUILDING,
 }
 WHITE, DARK, ORANGE, RED = (0.90, 0.91, 0.92), (0.10, 0.11, 0.12), (0.95, 0.40, 0.06), (0.45, 0.06, 0.05)
+
+WHITE_LIGHT, RED_LIGHT, GREEN_LIGHT = (1.0, 0.98, 0.9), (1.0, 0.1, 0.08), (0.1, 1.0, 0.3)
+LIGHT = -1.0
+"""Pattern of a lamp."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +216,15 @@ def vessel_model(vehicle: VesselSpec, name: str, kind: ObjectClass = ObjectClass
     )
     antenna = moved(cylinder(0.03 * scale_m, 0.02 * scale_m, STEEL, 12), (foot[0], 0.0, foot[2] - mast_m), UPRIGHT)
     pieces.append((antenna, WHITE, 0.0))
+    # Navigation lights (COLREG rule 23 for a power-driven vessel under 12 m: white all round, sidelights)
+    radius_m = 0.012 * scale_m
+    side_m, bow_m = 0.5 * house[1], place[0] + 0.5 * house[0]
+    for at, colour in (
+        ((foot[0], 0.0, foot[2] - mast_m - 2.0 * radius_m), WHITE_LIGHT),
+        ((bow_m, -side_m, top_m - house[2]), RED_LIGHT),
+        ((bow_m, side_m, top_m - house[2]), GREEN_LIGHT),
+    ):
+        pieces.append((moved(sphere(radius_m, STEEL, 8, 4), at), colour, LIGHT))
     for propeller in vehicle.propellers:
         forward, right, down = propeller.position_frd_m
         curve = propeller.open_water

@@ -21,13 +21,13 @@ vec3 image_value(vec3 radiance) {
     return 0.662002687 * root2 + 0.684122060 * root4 - 0.323583601 * root8 - 0.0225411470 * x;
 }
 
-// Radiance in textures of 8 bits
+// Radiance in textures of 8 bits, fine enough where the exposure is long
 vec3 packed_light(vec3 radiance) {
-    return sqrt(radiance * 0.25);
+    return sqrt(radiance * ground_light.w * 0.25);
 }
 
 vec3 unpacked_light(vec3 value) {
-    return value * value * 4.0;
+    return value * value * 4.0 / ground_light.w;
 }
 
 vec2 on_sky_map(vec3 direction) {
