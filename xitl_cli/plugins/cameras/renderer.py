@@ -267,7 +267,7 @@ class Cells:
         corner = indices.reshape(-1, 3)
         cell_of = cell[sorted_triangles]
         levels, rows, kept = [corner], [], []
-        first = 0
+        begun = 0
         for grain_m in GRAINS_M:
             # Corners in one cube of this size become one corner; triangles that vanish are left out
             cube = np.floor(single["position"] / grain_m).astype(np.int64)
@@ -279,10 +279,10 @@ class Cells:
             counts = np.bincount(cell_of[thick], minlength=len(firsts))
             row = np.zeros((len(firsts), 5), np.uint32)
             row[:, 0], row[:, 1] = 3 * counts, 1
-            row[:, 2] = 3 * (first + np.cumsum(counts) - counts)
+            row[:, 2] = 3 * (begun + np.cumsum(counts) - counts)
             rows.append(row)
             kept.append(level[thick])
-            first += len(kept[-1])
+            begun += len(kept[-1])
         return cls(single, np.concatenate(kept).ravel().astype(np.uint32), np.stack(rows), middle, radius)
 
     def commands(self, to_clip: Array, camera_m: Array, px_per_rad: float) -> NDArray[np.uint32]:
