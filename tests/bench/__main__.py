@@ -43,6 +43,7 @@ from tests.bench.bench_link import agent_cpu_percent, lost_messages, round_trip_
 from tests.bench.bench_vessel_step import median_step_us
 from tests.bench.figure import Figure, scaled, use_tiny_sizes
 from tests.bench.results import FULL, ROOT, TINY, BenchRun, measured_in, this_run
+from xitl_cli.extras import CAMERA
 
 RUNS = 5
 
@@ -122,6 +123,11 @@ OPTIONAL: list[tuple[Callable[[], bool], str, list[Figure]]] = [
         bench_rays.available,
         "embreex is not installed; pip install 'xitl[perception]'",
         [*bench_commands.PERCEPTION_FIGURES, *bench_rays.FIGURES, *bench_lidar.FIGURES],
+    ),
+    (
+        lambda: not CAMERA.missing,
+        "moderngl or OpenCV is not installed; pip install 'xitl[camera]'",
+        bench_commands.CAMERA_FIGURES,
     ),
     (
         bench_ardupilot.available,

@@ -113,6 +113,13 @@ PERCEPTION_FIGURES = [  # a minute and a half: at rest, along the boom, around d
         lambda: factors("sitl-perception", 3, 90.0),
     ),
 ]  # fmt: skip
+CAMERA = "sensors.cameras=[{name: front, position_frd_m: [1, 0, -0.9], pitch_deg: -6}]"
+CAMERA_FIGURES = [
+    Figure(
+        "sitl with a camera of 640 x 480 at 10 Hz", ">= 4", "x real time",
+        lambda: factors("sitl", 3, 30.0, "--set", CAMERA),
+    ),
+]  # fmt: skip
 COMMAND_FIGURES = [
     Figure("xitl --help", "< 0.5", "s", help_s),
     Figure("xitl sim until its first step", "", "s", first_step_s),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from tools.pictures import boundary, drawings, pages, plots, scenes, terminal
+from tools.pictures import boundary, cameras, drawings, pages, plots, scenes, terminal
 from tools.pictures.drawing import Drawing
 from tools.pictures.workplace import Workplace
 
@@ -67,6 +67,7 @@ PICTURES: dict[str, Maker] = {
     "faults.png": plots.faults,
     "fleet.png": plots.fleet,
     "perception.png": plots.perception,
+    "cameras.jpg": cameras.draw,
     "learning.png": plots.learning,
     "identify.png": plots.identification,
     "sim-to-real.png": plots.real_boat,
