@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What some tests need beside Python: an ssh server, network namespaces, ARM emulators, systemd-analyze, Lua, a browser, ROS 1. As root
+# What some tests need beside Python: an ssh server, network namespaces, ARM emulators, systemd-analyze, Lua, a browser, EGL, ROS 1. As root
 # on Debian or Ubuntu, install what is missing; elsewhere say so, and those tests skip. No service is started.
 set -euo pipefail
 declare -A package_of=(
@@ -12,6 +12,7 @@ missing=()
 for program in "${!package_of[@]}"; do
     command -v "$program" > /dev/null || missing+=("${package_of[$program]}")
 done
+[ -e /usr/share/glvnd/egl_vendor.d/50_mesa.json ] || missing+=(libegl1 libgl1-mesa-dri)
 [ -r /usr/share/keyrings/debian-archive-keyring.gpg ] || missing+=(debian-archive-keyring)
 ros1=() # some 80 packages of 15 MB, 170 MB on disk, ten seconds; a distribution may have dropped it
 if ! command -v rostopic > /dev/null || [ ! -d /usr/lib/python3/dist-packages/nav_msgs ]; then
