@@ -322,7 +322,8 @@ def _head(status: str, kind: str) -> str:
         "Cache-Control: no-store",
         "Connection: close",
         "Cross-Origin-Resource-Policy: same-origin",
-        "Content-Security-Policy: default-src 'none'; img-src 'self'; style-src 'unsafe-inline'; frame-ancestors 'none'",
+        "Content-Security-Policy: default-src 'none'; img-src 'self'; style-src 'unsafe-inline'; "
+        "frame-ancestors 'none'",
         "X-Content-Type-Options: nosniff",
     )
     return "".join(f"{line}\r\n" for line in lines)
