@@ -23,6 +23,13 @@ from sim_core.frames import ned_to_enu
 from sim_core.geodesy import LocalFrame
 from sim_core.sensors.spec import LidarSpec
 from xitl_cli.plugins.ros import instruments, msg
+from xitl_cli.plugins.ros.camera_messages import (
+    camera_frame,
+    camera_messages,
+    camera_of_topic,
+    camera_topics,
+    cameras_of,
+)
 from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.plugins.ros.diagnostics import Diagnostics
 from xitl_cli.plugins.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
@@ -134,7 +141,7 @@ class RosConversion:
             for vessel in self._vessels:
                 prefix = f"/{vessel.name}" if vessel.name else ""
                 if topic.startswith(f"{prefix}/"):
-                    handler = handler or vessel.handlers.get(topic.removeprefix(prefix))
+                    handler = handler or vessel.handler(topic.removeprefix(prefix))
             if topic in DIAGNOSED:  # of the host, in a run of several vessels
                 handler = handler or self._vessels[0].handlers[topic]
             self._handlers[topic] = handler
@@ -198,7 +205,13 @@ class VesselConversion:
         for topic, users in self._users.items():
             handlers[topic] = partial(self._with_users, handlers.get(topic), users)
         self.handlers = handlers
-        """By recorded topic without the vessel's name."""
+        """By recorded topic without the vessel's name, except those of cameras."""
+
+    def handler(self, topic: str) -> Callable[[bytes, int], Iterable[RosMessage]] | None:
+        """Return the handler of a recorded topic without the vessel's name, None for a topic without an output."""
+        if camera := camera_of_topic(topic):
+            return partial(self._camera, topic, camera)
+        return self.handlers.get(topic)
 
     def topics(self) -> Iterator[RosTopic]:
         """Yield its topics."""
@@ -220,6 +233,8 @@ class VesselConversion:
         if sensors is not None and sensors.sonar is not None:
             names += ["sonar/points", "sonar/echo"]
         yield from (self._named[name] for name in names)
+        for camera in cameras_of(self._profile):
+            yield from (self._named[name].of(camera.name) for name in camera_topics(camera))
         yield from (self._named["thrusters/{thruster}/state"].of(thruster.name) for thruster in self._thrusters)
         if self._instruments is not None:
             yield from (self._named[instruments.RANGE].of(part) for part in self._instruments.rangefinders)
@@ -377,6 +392,10 @@ class VesselConversion:
         points_m = instruments.echo_points(angle_rad, (np.arange(len(intensity)) + 0.5) * sample_m)
         header = msg.header(stamp_ns, self._framed(SONAR_FRAME))
         yield self._message("sonar/echo", instruments.point_cloud(header, points_m, intensity), stamp_ns)
+
+    def _camera(self, topic: str, camera: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        for name, message in camera_messages(topic, payload, self._framed(camera_frame(camera))):
+            yield RosMessage(self._named[name].of(camera), self.name, serialize(message), stamp_ns)
 
     # Frames of MAVLink
 

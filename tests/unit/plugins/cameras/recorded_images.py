@@ -59,6 +59,7 @@ def foxglove_calibration(image: CameraImage, frame: str) -> messages.CameraCalib
 def record(path: Path, images: Iterable[CameraImage], vessel: str = "", truth: bool = True) -> Path:
     """Write a recording with these images. vessel: prefix of the topics."""
     file = McapFile(path)
+    file.metadata("xitl", {"version": "1"} | ({"vessels": vessel} if vessel else {}))
     file.attach(PROFILE, "application/yaml", resolved_yaml(load_profile("sitl")).encode())
     recorder = Recorder(file, links=(), vessel=vessel)
     for topic in (FRAMES, TRUTH):
