@@ -386,6 +386,11 @@ def hull_walls(fleet: Fleet, state: FleetState, but: int, within_m: float) -> Wa
     )
 
 
+def names_of_others(fleet: Fleet, but: int) -> tuple[str, ...]:
+    """Return the names of all vessels without vessel `but`, in the order of the hulls in `drifting_bodies`."""
+    return tuple(fleet.hulls.names[number] for number in _others(fleet, but).tolist())
+
+
 def _others(fleet: Fleet, but: int | None) -> Numbers:
     """Return the indices in `Fleet.hulls` of all vessels but one."""
     hulls = np.arange(len(fleet.shapes))

@@ -23,6 +23,7 @@ from xitl_cli.errors import UserError
 
 COMMANDS = "xitl.commands"
 NODES = "xitl.nodes"
+SENSORS = "xitl.sensors"
 DRIVERS = "xitl.drivers"
 BRIDGES = "xitl.bridges"
 ACTUATORS = "xitl.actuators"
@@ -38,6 +39,7 @@ PROFILES = "xitl.profiles"
 GROUPS = {
     COMMANDS: "a command, or a group of commands: `xitl_cli.plugin.Command`",
     NODES: "nodes of a run with profile keys and topics, such as a sensor: `xitl_cli.plugin.NodeKind`",
+    SENSORS: "sensors with their own keys in `sensors` of a profile: `xitl_cli.plugin.NodeKind`",
     DRIVERS: "drivers, which command an autopilot in a run: `xitl_cli.plugin.DriverKind`",
     BRIDGES: "bridges, which feed an autopilot and read its outputs: `agent.bridges.kinds.BridgeKind`",
     ACTUATORS: "actuators of a vessel, such as a sail: keys that derive from `sim_core.vessel.actuators.ActuatorSpec`",

@@ -154,6 +154,18 @@ class WindSpec(Specification):
 
 
 @dataclass(frozen=True, slots=True)
+class LightSpec(Specification):
+    """Sun and clouds, for cameras. By default the sun is where `start_utc` and the site put it."""
+
+    sun_elevation_deg: Annotated[
+        Annotated[float, Bounds(at_least=-90, at_most=90)] | None,
+        "height over the horizon; null: by start_utc, without it 35",
+    ] = None
+    sun_azimuth_deg: Annotated[Direction | None, "null: by start_utc, without it 140"] = None
+    clouds: Annotated[Share, "share of the sky; 1 is overcast"] = 0.3
+
+
+@dataclass(frozen=True, slots=True)
 class EnvironmentSpec(Specification):
     """Water, current, waves, wind and visibility around the vessel."""
 
@@ -173,8 +185,9 @@ class EnvironmentSpec(Specification):
         str | None,
         ValueProblem(problem_of_instant),
         IfGiven(),
-        "UTC at the start of the run, for tides, such as 2026-03-01T06:00:00Z",
+        "UTC at the start of the run, for tides and the light, such as 2026-03-01T06:00:00Z",
     ] = None
+    light: Annotated[LightSpec, IfGiven()] = LightSpec()
 
     def check(self) -> None:
         level, stream = self.water.tide, self.current.tide

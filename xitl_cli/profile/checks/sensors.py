@@ -56,6 +56,8 @@ def _rate_problems(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         rates += [((*path, "rate_hz"), sensor.rate_hz) for path, sensor in sampled_sensors(profile.sensors)]
         if profile.sensors.lidar is not None:
             rates.append((("sensors", "lidar", "rate_hz"), profile.sensors.lidar.rate_hz))
+        for number, camera in enumerate(profile.sensors.cameras):
+            rates.append((("sensors", "cameras", number, "rate_hz"), camera.rate_hz))
     if profile.clock is not None:
         rates.append((("clock", "exchange_rate_hz"), profile.clock.exchange_rate_hz))
     if profile.recording is not None:

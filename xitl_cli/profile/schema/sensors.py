@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
-from sim_core.keys import Bounds, Items, NonNegative, Required, Specification, SpecificationError
+from sim_core.keys import Bounds, IfGiven, Items, NonNegative, Required, Specification, SpecificationError
+from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.spec import (
     BarometerSpec,
     GnssSpec,
@@ -80,8 +81,15 @@ class SensorsSpec(Specification):
     wind_vane: WindVaneSpec | None = None
     lidar: LidarSpec | None = None
     sonar: SonarSpec | None = None
+    cameras: Annotated[tuple[CameraSpec, ...], Items(0, 16), IfGiven()] = ()
     messages: MessagesSpec = MessagesSpec()
     recorded: Annotated[RecordedSensorsSpec | None, "null: all are simulated"] = None
+
+    def check(self) -> None:
+        names = [camera.name for camera in self.cameras]
+        for number, name in enumerate(names):
+            if name in names[:number]:
+                raise SpecificationError(("cameras", number, "name"), f"= {name} is taken; give each camera its own")
 
 
 def sampled_sensors(sensors: SensorsSpec) -> Iterator[tuple[tuple[str | int, ...], Any]]:

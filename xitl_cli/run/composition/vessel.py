@@ -17,10 +17,10 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.graph import architecture, is_node_name
 from xitl_cli.record.recorder import check_added_topic
 from xitl_cli.record.topics import Topic
-from xitl_cli.registry import NODES, load, names, package_of
+from xitl_cli.registry import NODES, SENSORS, load, names, package_of
 from xitl_cli.run.composition.parts import Need, Part, Parts, Place, made_parts, part
 from xitl_cli.run.composition.setup import VesselSetup
-from xitl_cli.run.core.node import ControlNode
+from xitl_cli.run.core.node import ControlNode, RunNode
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
@@ -50,6 +50,10 @@ if TYPE_CHECKING:  # nodes that few runs have; the functions that make them impo
     from xitl_cli.run_kinds import NodeKind
 
 
+SENSORS_OF_PLUGINS = ("cameras",)
+"""Keys of `sensors` whose nodes come from the entry points `xitl.sensors`."""
+
+
 def link_names(profile: RunProfile) -> tuple[str, ...]:
     """Names of the agent links whose raw frames are recorded."""
     agents = autopilot_links(profile)
@@ -62,7 +66,7 @@ def vessel_parts(setup: VesselSetup, opened: ExitStack) -> Parts:
 
     Raises UserError for firmware, files, meshes and ports that are not available.
     """
-    declared = (*VESSEL_PARTS, *_plugin_parts(setup), *map(_live_part, setup.run.live))
+    declared = (*VESSEL_PARTS, *_sensor_parts(setup), *_plugin_parts(setup), *map(_live_part, setup.run.live))
     return made_parts(declared, {VesselSetup: setup}, setup, opened)
 
 
@@ -408,6 +412,28 @@ def _plugin_node(
     rng = default_rng(setup.seeds.sequence(f"plugins.{name}"))
     context = NodeContext(name, setup.profile, setup.plant, setup.run.scenery, control, setup.seeds, rng, parts)
     return PluginNode(name, partial(kind.make, keys, context), kind.topics)
+
+
+def _sensor_parts(setup: VesselSetup) -> list[Part]:
+    """Return the nodes of sensors that plug-ins of xitl make: their keys are in `sensors`.
+
+    Raises PluginError when such a plug-in is missing.
+    """
+    parts = []
+    for name in SENSORS_OF_PLUGINS if setup.profile.sensors is not None else ():
+        if keys := getattr(setup.profile.sensors, name):
+            kind: NodeKind = load(SENSORS, name)
+            make = partial(_sensor_node, setup, name, keys, kind)
+            parts.append(Part(name, make, (Need("control", "ControlNode"),), place=Place.PERCEPTION))
+    return parts
+
+
+def _sensor_node(setup: VesselSetup, name: str, keys: Any, kind: NodeKind, *, control: ControlNode) -> RunNode:
+    from xitl_cli.run_kinds import NodeContext
+
+    rng = default_rng(setup.seeds.sequence(name))
+    context = NodeContext(name, setup.profile, setup.plant, setup.run.scenery, control, setup.seeds, rng)
+    return kind.make(keys, context)
 
 
 def _live_part(output: LiveOutput) -> Part:

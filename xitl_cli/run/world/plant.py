@@ -232,6 +232,12 @@ class PlantView:
         """Return an object that all vessels of the same model share, and this vessel's row, as in Plant."""
         return self._plant.shared(self.number, key, make)
 
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Names of all other vessels, in the order of the hulls in `bodies`."""
+        simulation = self._plant.simulation
+        return fleets.names_of_others(simulation, self.number) if isinstance(simulation, Fleet) else ()
+
     def tide_m(self) -> float:
         """Return the height of the still water above its mean level now."""
         return self.simulation.environment.tide.height_m(self._plant.state.time_ns * 1e-9)

@@ -41,7 +41,7 @@ _CELL_M = 8.0
 MOST_DRAWN = 300_000
 """Triangles of one mesh. More would be most of any recording and too slow for a viewer."""
 _DRAWN_OTHERWISE = ("bed", "ground", "log boom", "boom pile")
-_MATERIAL_COLOURS = {
+MATERIAL_COLOURS = {
     "concrete": (0.6, 0.6, 0.6),
     "steel": (0.45, 0.47, 0.5),
     "plastic": (0.95, 0.45, 0.1),
@@ -53,7 +53,7 @@ _MATERIAL_COLOURS = {
     "wall": (0.85, 0.82, 0.75),
     "bed": (0.3, 0.25, 0.18),
 }
-assert set(_MATERIAL_COLOURS) == {material.name for material in MATERIALS}
+assert set(MATERIAL_COLOURS) == {material.name for material in MATERIALS}
 _BODY_COLOURS = {
     BodyKind.TRUNK: messages.Color(r=0.4, g=0.26, b=0.13, a=1.0),
     BodyKind.BRANCH: messages.Color(r=0.5, g=0.36, b=0.2, a=1.0),
@@ -307,7 +307,7 @@ def _land(profile: RunProfile, scenery: Scenery) -> list[messages.SceneEntity]:
         triangles = []
         for mesh in meshes:
             used, faces = np.unique(mesh.faces, return_inverse=True)
-            red, green, blue = _MATERIAL_COLOURS[mesh.material.name]
+            red, green, blue = MATERIAL_COLOURS[mesh.material.name]
             points = frames.ned_to_enu(mesh.vertices_m[used]).tolist()
             triangles.append(
                 messages.TriangleListPrimitive(
@@ -326,7 +326,7 @@ def make_scripted_scene(vessels: Sequence[ScriptedVessel]) -> messages.SceneUpda
     entities = []
     for vessel in vessels:
         corners = frames.frd_to_flu(vessel.mesh.vertices_m[vessel.mesh.faces].reshape(-1, 3)).tolist()
-        red, green, blue = _MATERIAL_COLOURS[vessel.mesh.material.name]
+        red, green, blue = MATERIAL_COLOURS[vessel.mesh.material.name]
         triangles = messages.TriangleListPrimitive(
             pose=_ORIGIN,
             points=[messages.Point3(x=x, y=y, z=z) for x, y, z in corners],

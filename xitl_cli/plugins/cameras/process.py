@@ -1,0 +1,45 @@
+"""The process that draws the images of a run's cameras.
+
+`python -m xitl_cli.plugins.cameras.process PIPE`: number of an inherited socket. Messages to it are pickled: StudioStart,
+(name, Model), Commission. Its messages are JSON: {"device": …} or {"problem": …}, then one for each image.
+"""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+
+from xitl_cli.errors import UserError
+from xitl_cli.pipe import Pipe, until_closed
+from xitl_cli.plugins.cameras.remote_studio import StudioStart, message_of
+from xitl_cli.plugins.cameras.studio import Commission, Studio
+
+
+def main(pipe: Pipe) -> None:
+    """Draw until the pipe is closed."""
+    start, *messages = pipe.receive_first()
+    assert isinstance(start, StudioStart)
+    try:
+        studio = Studio(start.cameras, start.models)
+    except UserError as error:
+        pipe.send({"problem": str(error)})
+        return
+    pipe.send({"device": studio.device})
+    images, first_s = 0, 0.0
+    while True:
+        for message in messages:
+            if not isinstance(message, Commission):
+                studio.add(*message)
+                continue
+            image = studio.take(message)
+            images += 1
+            if images == 1:  # with the compilation of the programs
+                first_s = time.process_time()
+            pipe.send(message_of(image, 1e3 * (time.process_time() - first_s) / max(images - 1, 1)))
+        messages = pipe.receive(1.0)
+
+
+if __name__ == "__main__":
+    with until_closed():
+        main(Pipe.of_process(socket.socket(fileno=int(sys.argv[1]))))

@@ -1,0 +1,165 @@
+"""The studio in another process, and the images that are under way. See SideProcess for the pipe."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim_core.sensors.camera_spec import CameraSpec
+from xitl_cli.errors import UserError
+from xitl_cli.extras import CAMERA
+from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
+from xitl_cli.plugins.cameras.models import Model
+from xitl_cli.plugins.cameras.studio import Commission, lens_of
+from xitl_cli.run.core.side_process import SideProcess
+
+PATIENCE_S = 60.0
+"""For the first image, which compiles the programs of the graphics card."""
+END_S = 5.0
+
+
+@dataclass(slots=True)
+class StudioFigures:
+    """What the summary says of the renderer."""
+
+    device: str = ""
+    processor_ms_per_image: float = 0.0
+    """Processor time of the other process, without its start."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudioStart:
+    """First message to the process."""
+
+    cameras: Sequence[CameraSpec]
+    models: Mapping[str, Model]
+
+
+class RemoteStudio:
+    """Takes images in another process, in the order in which they are submitted.
+
+    on_problem: called with a sentence when the process ends early. Later images are then missing.
+    """
+
+    def __init__(self, cameras: Sequence[CameraSpec], on_problem: Callable[[str], object]) -> None:
+        CAMERA.require("cameras need")
+        self._cameras = {camera.name: camera for camera in cameras}
+        self._on_problem = on_problem
+        self._process = SideProcess("xitl_cli.plugins.cameras.process", self._lose, END_S)
+        self._taken: deque[CameraImage | None] = deque()
+        self._submitted: deque[Commission] = deque()
+        self.figures = StudioFigures()
+
+    def start(self, models: Mapping[str, Model]) -> None:
+        """Start the process and wait until it can draw. Raises UserError when this machine cannot."""
+        self._process.start()
+        self._process.send(StudioStart(tuple(self._cameras.values()), models))
+        reply = self._receive()
+        if reply is None or "problem" in reply:
+            raise UserError(reply["problem"] if reply else "cameras cannot draw: their process ended while it started")
+        self.figures.device = reply["device"]
+
+    @property
+    def waiting(self) -> int:
+        """Images that were submitted and not collected."""
+        return len(self._submitted)
+
+    def add(self, name: str, model: Model) -> None:
+        """Add a model before images that show it."""
+        self._process.send((name, model))
+
+    def submit(self, commission: Commission) -> None:
+        """Ask for an image."""
+        self._submitted.append(commission)
+        self._process.send(commission)
+
+    def ready(self) -> bool:
+        """Whether the next image can be collected without waiting."""
+        if not self._taken:
+            self._keep(self._process.receive())
+        return bool(self._taken) or self._process.gone
+
+    def collect(self) -> CameraImage | None:
+        """Wait for the next image and return it; None when the process has ended."""
+        while not self._taken and not self._process.gone:
+            self._keep(self._process.receive(PATIENCE_S))
+        self._submitted.popleft()
+        return self._taken.popleft() if self._taken else None
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+
+    def _receive(self) -> dict[str, Any] | None:
+        messages: list[Any] = []
+        while not messages and not self._process.gone:
+            messages = self._process.receive(PATIENCE_S)
+        self._keep(messages[1:])
+        return messages[0] if messages else None
+
+    def _keep(self, messages: Sequence[dict[str, Any]]) -> None:
+        for message in messages:
+            self.figures.processor_ms_per_image = message["processor_ms"]
+            self._taken.append(self._image(message["image"], self._submitted[len(self._taken)]))
+
+    def _image(self, sent: dict[str, Any], commission: Commission) -> CameraImage:
+        camera, view = self._cameras[commission.camera], commission.middle.view
+        data = base64.b64decode(sent["data"])
+        lens = lens_of(camera)
+        if camera.kind == "depth":
+            pixels = np.frombuffer(data, "<f4").reshape(lens.height_px, lens.width_px)
+        else:
+            pixels = _decoded(data)
+        horizon = sent["horizon"]
+        return CameraImage(
+            camera=camera.name,
+            kind=camera.kind,
+            number=commission.number,
+            stamp_ns=commission.stamp_ns,
+            pixels=pixels,
+            lens=lens,
+            pos_ned_m=view.pos_ned_m,
+            rot_ned_optical=view.rot_ned_optical,
+            objects=tuple(_seen(row) for row in sent["objects"]),
+            horizon_px=None if horizon is None else (horizon[0], horizon[1]),
+            encoded=b"" if camera.kind == "depth" else data,
+        )
+
+    def _lose(self, why: str) -> None:
+        self._on_problem(f"the process that draws the images of cameras ended{why}; later images are missing")
+
+
+def _decoded(data: bytes) -> np.ndarray[Any, Any]:
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(data)))
+
+
+def _seen(row: Sequence[Any]) -> SeenObject:
+    name, kind, box, pixels, distance_m, centre, quat, size = row
+    return SeenObject(name, ObjectClass(kind), tuple(box), pixels, distance_m, tuple(centre), tuple(quat), tuple(size))
+
+
+def message_of(image: CameraImage, processor_ms: float) -> dict[str, Any]:
+    """Return the message that brings an image to the run."""
+    data = image.pixels.astype("<f4").tobytes() if image.kind == "depth" else image.encoded
+    return {
+        "processor_ms": processor_ms,
+        "image": {
+            "data": base64.b64encode(data).decode(),
+            "horizon": image.horizon_px,
+            "objects": [
+                [
+                    *(seen.name, int(seen.kind), seen.box_px, seen.pixels, seen.distance_m),
+                    *(seen.centre_optical_m, seen.quat_optical_box, seen.size_m),
+                ]
+                for seen in image.objects
+            ],
+        },
+    }

@@ -1,0 +1,748 @@
+"""Draws the world with OpenGL, on a GPU or, without one, with Mesa's software renderer. It needs no display.
+
+    renderer = Renderer(...)
+    renderer.draw(view, surroundings)  ->  Picture: colours, numbers of objects, metres
+
+Passes of one picture: the sky by direction (when the light has changed), shadows, objects mirrored at the still water,
+sky, objects, water, then the lens with exposure and noise. A second set of passes measures object, distance and
+temperature of each pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy import float32, uint8
+from numpy.random import Generator, default_rng
+from numpy.typing import NDArray
+
+from sim_core.environment.waves import WaveField
+from sim_core.frames import Array
+from sim_core.sensors.lens import Lens
+from xitl_cli.errors import UserError
+from xitl_cli.plugins.cameras.daylight import SUN_RADIUS_RAD, Daylight
+from xitl_cli.plugins.cameras.models import VERTEX, WATER_C, Model
+
+NEAR_M, FAR_M = 0.08, 12_000.0
+MOST_COMPONENTS = 64
+SHADOW_PX, SHADOW_M = 1024, 90.0
+"""Size of the shadow map, and width of the square around the camera that has shadows."""
+FOAM_PX, FOAM_M = 256, 128.0
+RIPPLE_PX = 256
+SKY_PX = (512, 512)
+GRAIN_PX, CURVE_PX = 512, 4096
+RINGS = 110
+CELL_M = 25.0
+"""Of the grid in which models are searched for what is in sight."""
+SEA_ID, SKY_ID = 60_000, 65_000
+"""Numbers of water and sky in the pictures. Those of objects are smaller."""
+SKY_C = -20.0
+MOST_BENT_DEG = 75.0
+"""Half of the widest view that is drawn as one plane. Wider lenses are drawn as the faces of a cube."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """Where a picture is taken from."""
+
+    pos_ned_m: Array
+    """(3,)."""
+    rot_ned_optical: Array
+    """Turns optical axes (x right, y down, z ahead) into NED, (3, 3)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """A model at a place."""
+
+    model: str
+    """Name under which the renderer has it."""
+    pos_ned_m: Array
+    rot_ned_model: Array
+    """(3, 3)."""
+    first_id: int
+    """Number of its first object in the pictures."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoamTrail:
+    """Foam behind a vessel: the left and right edge of a band, newest first, and the share of foam along it."""
+
+    left_ne_m: Array
+    """(P, 2)."""
+    right_ne_m: Array
+    share: Array
+    """(P,)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """The world at one instant."""
+
+    time_s: float
+    waves: Any
+    """WaveField or FlatWater of sim_core.environment.waves."""
+    water_down_m: float
+    """Still surface in NED."""
+    wind_ne_mps: Array
+    """(2,)."""
+    light: Daylight
+    extinction_per_m: float
+    water_colour: Array
+    """Diffuse reflectance, (3,)."""
+    placed: Sequence[Placed]
+    foam: Sequence[FoamTrail] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """What is drawn for an image, or for some of its rows."""
+
+    view: View
+    world: Surroundings
+    rows: tuple[int, int] | None = None
+    """First row and the row after the last one; None for all."""
+    share: float = 1.0
+    """Weight in the mean of the shots with the same rows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """From light to the values of an image."""
+
+    exposure: float = 1.0
+    vignetting: float = 0.0
+    read_noise: float = 0.0
+    shot_noise: float = 0.0
+    grain_at: tuple[int, int] = (0, 0)
+    """Where the noise of this image begins in the pattern of the renderer, drawn at random for each image."""
+
+
+class Target:
+    """Buffers for the pictures of one lens."""
+
+    def __init__(self, context: Any, lens: Lens, samples: int) -> None:
+        self.lens = lens
+        self.faces = faces_of(lens)
+        width, height = self.faces[0].size_px
+        self.drawn = context.texture((width, height), 4, dtype="f2")
+        self.drawn.repeat_x = self.drawn.repeat_y = False
+        self.colour = context.framebuffer([self.drawn])
+        self.several = (
+            context.framebuffer(
+                [context.renderbuffer((width, height), 4, samples=samples, dtype="f2")],
+                context.depth_renderbuffer((width, height), samples=samples),
+            )
+            if samples > 1
+            else context.framebuffer([self.drawn], context.depth_renderbuffer((width, height)))
+        )
+        half = max(width // 2, 1), max(height // 2, 1)
+        self.mirrored = context.texture(half, 4, dtype="f2")
+        self.mirrored.repeat_x = self.mirrored.repeat_y = False
+        self.mirror = context.framebuffer([self.mirrored], context.depth_renderbuffer(half))
+        self.measured = context.framebuffer(
+            [context.texture((width, height), 4, dtype="f4")], context.depth_renderbuffer((width, height))
+        )
+        size = lens.width_px, lens.height_px
+        self.sum = context.texture((width, height), 4, dtype="f2")
+        self.sum.repeat_x = self.sum.repeat_y = False
+        self.total = context.framebuffer([self.sum])
+        self.image = context.framebuffer([context.texture(size, 4, dtype="f1")])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Face:
+    """A plane on which a part of the view is drawn, and the pixels of the image that look at it."""
+
+    rot_optical_face: Array
+    """Turns the axes of the face into those of the camera, (3, 3)."""
+    size_px: tuple[int, int]
+    tangent: tuple[float, float]
+    """Of half the view, to the right and down."""
+    places: NDArray[float32] | None
+    """Of an ideal pinhole None. Otherwise (H, W, 2): where each pixel looks, 0 to 1; -1 for pixels of other faces."""
+
+
+def faces_of(lens: Lens) -> tuple[Face, ...]:
+    """Return the planes that together show what a lens sees."""
+    if lens.is_ideal:
+        tangent = 0.5 * lens.width_px / lens.focal_px, 0.5 * lens.height_px / lens.focal_px
+        return (Face(np.eye(3), (lens.width_px, lens.height_px), tangent, None),)
+    directions = lens.all_directions()
+    seen = np.isfinite(directions).all(axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead = directions[..., 2] > math.cos(math.radians(MOST_BENT_DEG))
+        plane = np.abs(directions[..., :2] / directions[..., 2:])
+    if bool(ahead[seen].all()):  # one plane, as fine in its middle as the image
+        tangent = float(plane[seen][:, 0].max() * 1.01), float(plane[seen][:, 1].max() * 1.01)
+        size = math.ceil(2 * tangent[0] * lens.focal_px), math.ceil(2 * tangent[1] * lens.focal_px)
+        shrink = min(1.0, 2.0 * lens.width_px / size[0], 2.0 * lens.height_px / size[1])
+        size = round(size[0] * shrink), round(size[1] * shrink)
+        return (_face(directions, seen, np.eye(3), size, tangent),)
+    x, y, z = np.eye(3)
+    turns = [(x, y, z), (-z, y, x), (z, y, -x), (x, -z, y), (x, z, -y)]
+    side = math.ceil(2.0 * lens.focal_px)
+    largest = np.abs(np.where(seen[..., None], directions, 0.0)).max(axis=-1)
+    faces, left = [], seen.copy()
+    for axes in turns:
+        rotation = np.column_stack(axes)
+        along = np.where(seen, directions @ rotation[:, 2], 0.0)
+        here = left & (along >= largest - 1e-12)
+        left &= ~here
+        if here.any():
+            faces.append(_face(directions, here, rotation, (side, side), (1.0, 1.0)))
+    return tuple(faces)
+
+
+def _face(
+    directions: Array, here: NDArray[np.bool_], rotation: Array, size: tuple[int, int], tangent: tuple[float, float]
+) -> Face:
+    local = directions @ rotation
+    with np.errstate(invalid="ignore", divide="ignore"):
+        places = 0.5 + 0.5 * local[..., :2] / local[..., 2:] / np.array(tangent)
+    return Face(rotation, size, tangent, np.where(here[..., None], places, -1.0).astype(float32))
+
+
+def make_context() -> Any:
+    """Return an OpenGL context without a window. Raises UserError without moderngl, or without EGL."""
+    try:
+        import moderngl
+    except ImportError as error:
+        raise UserError("cameras need moderngl; install it with: pip install 'xitl[camera]'") from error
+    try:
+        return moderngl.create_context(standalone=True, backend="egl", require=430)
+    except Exception as error:  # noqa: BLE001  it raises whatever its loader meets
+        raise UserError(
+            f"cameras cannot draw: no OpenGL without a display ({error}); install EGL and a software renderer, on "
+            "Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri"
+        ) from error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Triangles of a model in cells of a grid, so that those out of sight are not drawn."""
+
+    vertices: NDArray[np.void]
+    """(V,) each once."""
+    indices: NDArray[np.uint32]
+    """(3 T,) of the triangles, cell by cell."""
+    rows: NDArray[np.uint32]
+    """(C, 5) draw command of each cell: number of indices, 1, first index, 0, 0."""
+    middle_m: Array
+    """(C, 3) middle of the sphere around each cell."""
+    radius_m: Array
+    """(C,)."""
+
+    @classmethod
+    def of(cls, vertices: NDArray[np.void]) -> Cells:
+        """Return the cells of (3 T,) vertices."""
+        corners = vertices["position"].astype(float).reshape(-1, 3, 3)
+        place = np.floor(corners.mean(axis=1)[:, :2] / CELL_M).astype(np.int64)
+        _, cell = np.unique(place, axis=0, return_inverse=True)
+        sorted_triangles = np.argsort(cell, kind="stable")
+        firsts = np.flatnonzero(np.diff(cell[sorted_triangles], prepend=-1))
+        counts = np.diff(firsts, append=len(cell))
+        rows = np.zeros((len(firsts), 5), np.uint32)
+        rows[:, 0], rows[:, 1], rows[:, 2] = 3 * counts, 1, 3 * firsts
+        middle, radius = np.empty((len(firsts), 3)), np.empty(len(firsts))
+        for number, (first, count) in enumerate(zip(firsts, counts, strict=True)):
+            points = corners[sorted_triangles[first : first + count]].reshape(-1, 3)
+            middle[number] = 0.5 * (points.min(axis=0) + points.max(axis=0))
+            radius[number] = np.linalg.norm(points - middle[number], axis=1).max()
+        order = (3 * sorted_triangles[:, None] + np.arange(3)).ravel()
+        single, indices = np.unique(vertices[order].view(f"V{VERTEX.itemsize}"), return_inverse=True)
+        return cls(single.view(VERTEX), indices.astype(np.uint32), rows, middle, radius)
+
+    def inside(self, to_clip: Array) -> NDArray[np.bool_]:
+        """Return whether each cell may be in sight. to_clip: (4, 4), from the axes of the model."""
+        across = np.array([to_clip[3] + to_clip[0], to_clip[3] - to_clip[0], to_clip[3] + to_clip[1],
+                           to_clip[3] - to_clip[1], to_clip[3] + to_clip[2], to_clip[3] - to_clip[2]])  # fmt: skip
+        across = across / np.linalg.norm(across[:, :3], axis=1, keepdims=True)
+        distance = self.middle_m @ across[:, :3].T + across[:, 3]
+        return np.asarray((distance > -self.radius_m[:, None]).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedModel:
+    """A model in the memory of the graphics card."""
+
+    arrays: Mapping[str, Any]
+    """Vertex array by program."""
+    cells: Cells
+    commands: Any
+    """Buffer for the draw commands of the cells in sight."""
+
+
+class Renderer:
+    """Draws pictures of models in one OpenGL context. samples: of each pixel, for smooth edges."""
+
+    def __init__(self, models: Mapping[str, Model], samples: int = 4) -> None:
+        rng = default_rng(1)  # of the patterns on water and sensors, the same in all runs
+        context = self._context = make_context()
+        self._samples = min(samples, context.max_samples)
+        self._models: dict[str, LoadedModel] = {}
+        self._programs = {
+            name: self._program(vertex, fragment)
+            for name, vertex, fragment in (
+                ("sky map", "screen.vert", "sky_map.frag"),
+                ("sky", "screen.vert", "sky.frag"),
+                ("model", "model.vert", "model.frag"),
+                ("shadow", "model.vert", "shadow.frag"),
+                ("model truth", "model.vert", "truth.frag"),
+                ("water", "water.vert", "water.frag"),
+                ("water truth", "water.vert", "truth.frag"),
+                ("foam", "foam.vert", "foam.frag"),
+                ("lens", "screen.vert", "lens.frag"),
+                ("sum", "screen.vert", "sum.frag"),
+            )
+        }
+        self._light = context.buffer(reserve=6 * 16)
+        self._light.bind_to_uniform_block(0)
+        self._screens = {
+            name: context.vertex_array(self._programs[name], []) for name in ("sky map", "sky", "lens", "sum")
+        }
+        self._sky_map = context.texture(SKY_PX, 4, dtype="f2")
+        self._sky_map.repeat_x = self._sky_map.repeat_y = False
+        self._sky_frame = context.framebuffer([self._sky_map])
+        self._sky_of: tuple[float, ...] = ()
+        self._shadow_map = context.depth_texture((SHADOW_PX, SHADOW_PX))
+        self._shadow_map.compare_func = "<="
+        self._shadow_map.repeat_x = self._shadow_map.repeat_y = False
+        self._shadow_frame = context.framebuffer(depth_attachment=self._shadow_map)
+        self._components = context.texture((MOST_COMPONENTS, 1), 4, dtype="f4")
+        self._components.filter = (context.NEAREST, context.NEAREST)
+        self._ripples = context.texture((RIPPLE_PX, RIPPLE_PX), 3, _ripples(rng).tobytes(), dtype="f4")
+        self._ripples.build_mipmaps()
+        self._ripples.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
+        self._grain = context.texture((GRAIN_PX, GRAIN_PX), 3, _grain(rng).tobytes(), dtype="f4")
+        self._grain.filter = (context.NEAREST, context.NEAREST)
+        self._curve = context.texture((CURVE_PX, 1), 1, _curve().tobytes(), dtype="f4")
+        self._curve.repeat_x = self._curve.repeat_y = False
+        self._foam = context.texture((FOAM_PX, FOAM_PX), 1, dtype="f1")
+        self._foam.repeat_x = self._foam.repeat_y = False
+        self._foam_frame = context.framebuffer([self._foam])
+        self._fan = context.buffer(reserve=16)
+        self._water: dict[str, Any] = {}
+        self._targets: dict[Lens, Target] = {}
+        self._sources: dict[tuple[Lens, int], Any] = {}
+        for name, model in models.items():
+            self.add(name, model)
+
+    @property
+    def device(self) -> str:
+        """Name of the renderer, such as `llvmpipe (LLVM 15.0.6, 256 bits)`."""
+        return str(self._context.info["GL_RENDERER"])
+
+    def add(self, name: str, model: Model) -> None:
+        """Add a model, or replace it."""
+        cells = Cells.of(model.vertices)
+        buffer = self._context.buffer(cells.vertices.tobytes() or bytes(VERTEX.itemsize))
+        indices = self._context.buffer(cells.indices.tobytes() or bytes(4))
+        layout = (buffer, "3f 3f 4f 1f 1f", "in_position", "in_normal", "in_colour", "in_id", "in_temperature")
+        arrays = {
+            program: self._context.vertex_array(
+                self._programs[program], [_used(layout, self._programs[program])], indices, index_element_size=4
+            )
+            for program in ("model", "shadow", "model truth")
+        }
+        self._models[name] = LoadedModel(arrays, cells, self._context.buffer(reserve=max(cells.rows.nbytes, 16)))
+
+    def close(self) -> None:
+        """Release the context."""
+        self._context.release()
+
+    # Pictures
+
+    def colour(self, shots: Sequence[Shot], lens: Lens, response: Response) -> NDArray[uint8]:
+        """Return an image, (H, W, 3), sRGB: the mean of the shots of each row."""
+        target = self._target(lens)
+        target.image.clear()
+        for rows, group in groupby(shots, lambda shot: shot.rows):
+            together = list(group)
+            for number, face in enumerate(target.faces):
+                for turn, shot in enumerate(together):
+                    self._draw(target, face, shot)
+                    if len(together) > 1:
+                        self._add_up(target, shot.share, first=turn == 0)
+                self._through_lens(target, number, face, response, rows, target.sum if len(together) > 1 else target.drawn)
+        pixels = np.frombuffer(target.image.read(components=3, alignment=1), uint8)
+        return pixels.reshape(lens.height_px, lens.width_px, 3)
+
+    def _draw(self, target: Target, face: Face, shot: Shot) -> None:
+        """Draw the light of one instant on a face into `target.drawn`."""
+        context, view, world = self._context, shot.view, shot.world
+        self._set_light(world)
+        self._draw_sky_map(world)
+        self._set_sea(view, world)
+        self._ripples.use(3)
+        self._draw_shadows(view, world)
+        self._draw_foam(view, world)
+        rotation = view.rot_ned_optical @ face.rot_optical_face
+        to_clip = _projection(face.tangent) @ _homogeneous(rotation.T)
+        self._draw_mirrored(target, to_clip, view, world)
+        frame = target.several
+        frame.use()
+        if shot.rows is not None and face.places is None:
+            frame.scissor = 0, shot.rows[0], face.size_px[0], shot.rows[1] - shot.rows[0]
+        frame.clear(depth=1.0)
+        context.enable_only(context.NOTHING)
+        self._write("sky", rot_ned_view=rotation, tangent=face.tangent)
+        self._screens["sky"].render(vertices=3)
+        context.enable_only(context.DEPTH_TEST)
+        self._draw_models("model", to_clip, view, world)
+        self._draw_water("water", to_clip, rotation, face, view, world)
+        frame.scissor = None
+        if self._samples > 1:
+            context.copy_framebuffer(target.colour, frame)
+
+    def _add_up(self, target: Target, share: float, first: bool) -> None:
+        """Add `target.drawn` to `target.sum`."""
+        context = self._context
+        target.total.use()
+        if first:
+            target.total.clear()
+        context.enable_only(context.BLEND)
+        context.blend_func = context.ONE, context.ONE
+        target.drawn.use(6)
+        self._write("sum", share=share)
+        self._screens["sum"].render(vertices=3)
+
+    def measure(self, view: View, lens: Lens, world: Surroundings) -> NDArray[float32]:
+        """Return number of the object, metres along the optical axis and °C of each pixel, (H, W, 3)."""
+        context, target = self._context, self._target(lens)
+        self._set_light(world)
+        self._set_sea(view, world)
+        result = np.empty((lens.height_px, lens.width_px, 3), float32)
+        for face in target.faces:
+            rotation = view.rot_ned_optical @ face.rot_optical_face
+            to_clip = _projection(face.tangent) @ _homogeneous(rotation.T)
+            target.measured.use()
+            target.measured.clear(SKY_ID, np.inf, SKY_C, 0.0, depth=1.0)
+            context.enable_only(context.DEPTH_TEST)
+            self._draw_models("model truth", to_clip, view, world)
+            self._draw_water("water truth", to_clip, rotation, face, view, world)
+            raw = np.frombuffer(target.measured.read(components=4, dtype="f4"), float32)
+            measured = raw.reshape(face.size_px[1], face.size_px[0], 4)[..., :3]
+            if face.places is None:
+                return measured.copy()
+            here = face.places[..., 0] >= 0.0
+            place = face.places[here] * np.array(face.size_px)
+            column, row = np.clip(place.astype(int), 0, np.array(face.size_px) - 1).T
+            found = measured[row, column].copy()
+            along = np.einsum("ij,nj->ni", face.rot_optical_face.T, lens.all_directions()[here])[:, 2]
+            found[:, 1] *= lens.all_directions()[here][:, 2] / along
+            result[here] = found
+        result[~np.isfinite(lens.all_directions()).all(axis=-1)] = (SKY_ID, np.inf, SKY_C)
+        return result
+
+    # Parts
+
+    def _program(self, vertex: str, fragment: str) -> Any:
+        folder = files(__package__) / "shaders"
+        common = (folder / "common.glsl").read_text()
+        sources = ["#version 330\n" + common + (folder / name).read_text() for name in (vertex, fragment)]
+        program = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
+        if "Light" in program:
+            program["Light"].binding = 0
+        units = {"sky_map": 0, "shadow_map": 1, "components": 2, "ripples": 3, "mirrored": 4, "foam_map": 5, "drawn": 6}
+        for sampler, unit in {**units, "source_of": 7, "grain": 8, "curve": 9}.items():
+            if sampler in program:
+                program[sampler].value = unit
+        return program
+
+    def _write(self, program: str, **values: Any) -> None:
+        """Set the uniforms that a program has; matrices are given row by row."""
+        uniforms = self._programs[program]
+        for name, value in values.items():
+            if name in uniforms:
+                array = np.asarray(value)
+                if array.ndim == 2:
+                    uniforms[name].write(np.ascontiguousarray(array.T, dtype=float32).tobytes())
+                else:
+                    uniforms[name].value = tuple(array.tolist()) if array.ndim else array.item()
+
+    def _target(self, lens: Lens) -> Target:
+        if lens not in self._targets:
+            self._targets[lens] = Target(self._context, lens, self._samples)
+        return self._targets[lens]
+
+    def _set_light(self, world: Surroundings) -> None:
+        light, wind = world.light, float(np.hypot(*world.wind_ne_mps))
+        sea_light = light.sky + light.sun * max(-float(light.sun_ned[2]), 0.0)
+        values = np.array(
+            [
+                [*light.sun_ned, math.cos(SUN_RADIUS_RAD)],
+                [*light.sun, 600.0],
+                [*light.sky, world.extinction_per_m],
+                [*(world.water_colour * sea_light + 0.06 * light.sky), 0.0],
+                [*light.horizon, world.time_s],
+                [*world.water_colour, _unresolved_variance(world, wind)],
+            ],
+            dtype=float32,
+        )
+        self._light.write(values.tobytes())
+
+    def _draw_sky_map(self, world: Surroundings) -> None:
+        light = world.light
+        wanted = (*light.sun_ned.tolist(), light.clouds, world.extinction_per_m, math.floor(world.time_s / 5.0))
+        if wanted != self._sky_of:
+            self._sky_of = wanted
+            self._sky_frame.use()
+            self._context.enable_only(self._context.NOTHING)
+            self._write(
+                "sky map",
+                zenith=[*light.zenith, light.clouds],
+                glow=[*light.glow, light.stars],
+                cloud_light=light.cloud,
+            )
+            self._screens["sky map"].render(vertices=3)
+        self._sky_map.use(0)
+
+    def _set_sea(self, view: View, world: Surroundings) -> None:
+        """Load the components with their phases at the camera, those with the most height first."""
+        rows = np.zeros((MOST_COMPONENTS, 4), float32)
+        count = 0
+        waves = world.waves
+        if isinstance(waves, WaveField):
+            order = np.argsort(-waves.amplitude_m)[:MOST_COMPONENTS]
+            count = len(order)
+            phase = np.remainder(waves.phase_at(world.time_s, view.pos_ned_m[:2])[order], 2.0 * np.pi)
+            rows[:count, :2], rows[:count, 2] = waves.wave_vector_radpm[order], phase
+            rows[:count, 3] = waves.amplitude_m[order]
+        self._components.write(rows.tobytes())
+        self._components.use(2)
+        for program in ("water", "water truth"):
+            self._write(
+                program,
+                count=count,
+                water_at=[0.0, 0.0, world.water_down_m - view.pos_ned_m[2]],
+                origin_ne=np.remainder(view.pos_ned_m[:2], 14.44),
+                water_id=float(SEA_ID),
+                water_temperature=WATER_C,
+            )
+
+    def _draw_shadows(self, view: View, world: Surroundings) -> None:
+        """Draw the depth of all models as the sun sees them, around the camera."""
+        sun = world.light.sun_ned
+        across = np.cross(sun, [0.0, 0.0, 1.0])
+        across = across / np.linalg.norm(across) if np.linalg.norm(across) > 1e-6 else np.array([1.0, 0.0, 0.0])
+        axes = np.array([across, np.cross(sun, across), -sun])
+        half = 0.5 * SHADOW_M
+        # Steps of whole texels, so that the edges of shadows do not crawl
+        texel = SHADOW_M / SHADOW_PX
+        centre = axes @ view.pos_ned_m
+        shift = np.round(centre / texel) * texel - centre
+        to_shadow = np.eye(4)
+        to_shadow[:3, :3] = axes / np.array([[half], [half], [2.0 * half]])
+        to_shadow[:3, 3] = -shift / np.array([half, half, 2.0 * half])
+        self._shadow_frame.use()
+        self._shadow_frame.clear(depth=1.0)
+        if float(world.light.sun.max()) > 0.02:
+            self._context.enable_only(self._context.DEPTH_TEST)
+            self._draw_models("shadow", to_shadow, view, world)
+        to_map = to_shadow.copy()
+        to_map[2] = 0.5 * to_shadow[2]
+        to_map[2, 3] += 0.5
+        self._write("model", to_shadow=to_map)
+        self._shadow_map.use(1)
+
+    def _draw_foam(self, view: View, world: Surroundings) -> None:
+        self._foam_frame.use()
+        self._foam_frame.clear()
+        self._context.enable_only(self._context.BLEND)
+        self._context.blend_func = self._context.ONE, self._context.ONE
+        corner = [-0.5 * FOAM_M, -0.5 * FOAM_M, FOAM_M]
+        self._write("foam", foam_frame=corner)
+        for trail in world.foam:
+            rows = np.empty((2 * len(trail.share), 3), float32)
+            rows[0::2, :2], rows[1::2, :2] = trail.left_ne_m - view.pos_ned_m[:2], trail.right_ne_m - view.pos_ned_m[:2]
+            rows[:, 2] = np.repeat(trail.share, 2)
+            buffer = self._context.buffer(rows.tobytes())
+            strip = self._context.vertex_array(self._programs["foam"], [(buffer, "2f 1f", "in_place", "in_share")])
+            strip.render(self._context.TRIANGLE_STRIP)
+            strip.release()
+            buffer.release()
+        self._foam.use(5)
+        self._write("water", foam_frame=corner)
+
+    def _draw_mirrored(self, target: Target, to_clip: Array, view: View, world: Surroundings) -> None:
+        still_m = world.water_down_m - view.pos_ned_m[2]
+        flip = np.diag([1.0, 1.0, -1.0, 1.0])
+        flip[2, 3] = 2.0 * still_m
+        target.mirror.use()
+        target.mirror.clear()
+        self._context.enable_only(self._context.DEPTH_TEST)
+        self._context.enable_direct(0x3000)  # GL_CLIP_DISTANCE0
+        self._draw_models("model", to_clip @ flip, view, world, keep=(0.0, 0.0, -1.0, still_m + 0.02))
+        self._context.disable_direct(0x3000)
+        target.mirrored.use(4)
+
+    def _draw_models(
+        self,
+        program: str,
+        to_clip: Array,
+        view: View,
+        world: Surroundings,
+        keep: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
+    ) -> None:
+        self._write(program, to_clip=to_clip, keep=keep)
+        for placed in world.placed:
+            loaded, at_m = self._models[placed.model], placed.pos_ned_m - view.pos_ned_m
+            placement = np.eye(4)
+            placement[:3, :3], placement[:3, 3] = placed.rot_ned_model, at_m
+            rows = loaded.cells.rows[loaded.cells.inside(to_clip @ placement)]
+            if len(rows):
+                self._write(
+                    program, rot_ned_model=placed.rot_ned_model, model_at=at_m, first_id=float(placed.first_id)
+                )
+                loaded.commands.write(rows.tobytes())
+                loaded.arrays[program].render_indirect(loaded.commands, count=len(rows))
+
+    def _draw_water(
+        self, program: str, to_clip: Array, rotation: Array, face: Face, view: View, world: Surroundings
+    ) -> None:
+        """Draw a fan of rings over the directions that the face sees."""
+        height_m = abs(world.water_down_m - view.pos_ned_m[2])
+        vertices, indices = fan(rotation, face.tangent, height_m)
+        wind = float(np.hypot(*world.wind_ne_mps))
+        toward = world.wind_ne_mps / wind if wind > 0.0 else np.zeros(2)
+        whitecaps = 3.84e-6 * wind**3.41  # share of the sea (Monahan and O'Muircheartaigh 1980)
+        self._write(program, to_clip=to_clip, picture_px=face.size_px, wind=[*toward, wind, whitecaps])
+        points, order = self._context.buffer(vertices.tobytes()), self._context.buffer(indices.tobytes())
+        layout = (points, "2f 2f", "in_bearing", "in_ring")
+        water = self._context.vertex_array(self._programs[program], [layout], order, index_element_size=4)
+        water.render(self._context.TRIANGLES)
+        for used in (water, points, order):
+            used.release()
+
+    def _through_lens(
+        self, target: Target, number: int, face: Face, response: Response, rows: tuple[int, int] | None, light: Any
+    ) -> None:
+        """Write the pixels of a face, in some rows, into the image. number: of the face."""
+        context, lens = self._context, target.lens
+        target.image.use()
+        target.image.scissor = None if rows is None else (0, rows[0], lens.width_px, rows[1] - rows[0])
+        context.enable_only(context.NOTHING)
+        light.use(6)
+        self._grain.use(8)
+        self._curve.use(9)
+        if face.places is not None:
+            key = lens, number
+            if key not in self._sources:
+                places = np.zeros((lens.height_px, lens.width_px, 2), float32)
+                places[:] = face.places
+                source = context.texture((lens.width_px, lens.height_px), 2, places.tobytes(), dtype="f4")
+                source.filter = (context.NEAREST, context.NEAREST)
+                self._sources[key] = source
+            self._sources[key].use(7)
+        self._write(
+            "lens",
+            ideal=face.places is None,
+            exposure=response.exposure,
+            vignetting=response.vignetting,
+            noise=(response.read_noise, response.shot_noise),
+            grain_at=response.grain_at,
+            picture_px=(lens.width_px, lens.height_px),
+        )
+        self._screens["lens"].render(vertices=3)
+        target.image.scissor = None
+
+
+def _used(layout: tuple[Any, ...], program: Any) -> tuple[Any, ...]:
+    """Return a layout without the attributes that a program does not use."""
+    buffer, formats, *names = layout
+    parts = formats.split()
+    kept = [
+        (part if name in program else f"{4 * int(part[:-1])}x", name if name in program else None)
+        for part, name in zip(parts, names, strict=True)
+    ]
+    return buffer, " ".join(part for part, _ in kept), *(name for _, name in kept if name is not None)
+
+
+def _projection(tangent: tuple[float, float]) -> Array:
+    """Return the (4, 4) projection of optical axes. The first row of the image is the first row of the buffer."""
+    matrix = np.zeros((4, 4))
+    matrix[0, 0], matrix[1, 1] = 1.0 / tangent[0], 1.0 / tangent[1]
+    matrix[2, 2] = (FAR_M + NEAR_M) / (FAR_M - NEAR_M)
+    matrix[2, 3] = -2.0 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
+    matrix[3, 2] = 1.0
+    return matrix
+
+
+def _homogeneous(rotation: Array) -> Array:
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    return matrix
+
+
+def fan(rot_ned_face: Array, tangent: tuple[float, float], height_m: float) -> tuple[NDArray[float32], NDArray[np.uint32]]:
+    """Return vertices (V, 4) and indices of rings about the camera: unit bearing, radius, distance to the next ring.
+
+    It covers the directions that a face sees. Near rings are as far apart as a pixel sees them, far ones grow in
+    proportion to their radius.
+    """
+    corners = np.array([[x * tangent[0], y * tangent[1], 1.0] for x in (-1, 0, 1) for y in (-1, 0, 1)]) @ rot_ned_face.T
+    forward = rot_ned_face[:, 2]
+    half_view = math.atan(math.hypot(*tangent))
+    tilt = abs(math.asin(float(np.clip(forward[2], -1.0, 1.0))))
+    steep = tilt + half_view > 0.45 * math.pi
+    if steep:
+        first, last = -math.pi, math.pi
+    else:
+        middle = math.atan2(forward[1], forward[0])
+        offsets = np.angle(np.exp(1j * (np.arctan2(corners[:, 1], corners[:, 0]) - middle)))
+        first, last = middle + offsets.min() - 0.05, middle + offsets.max() + 0.05
+    sectors = max(int(math.ceil((last - first) / math.radians(1.0))), 8)
+    bearing = np.linspace(first, last, sectors + 1)
+    radius = np.concatenate([[0.0], np.geomspace(max(0.15 * height_m, 0.05), FAR_M * 0.9, RINGS)])
+    gap = np.diff(radius, append=radius[-1] * 1.1)
+    vertices = np.empty((len(radius), len(bearing), 4), float32)
+    vertices[..., 0], vertices[..., 1] = np.cos(bearing), np.sin(bearing)
+    vertices[..., 2], vertices[..., 3] = radius[:, None], gap[:, None]
+    row = len(bearing)
+    low = (np.arange(len(radius) - 1)[:, None] * row + np.arange(sectors)).ravel()
+    quads = np.column_stack([low, low + 1, low + row, low + 1, low + row + 1, low + row])
+    return vertices.reshape(-1, 4), quads.ravel().astype(np.uint32)
+
+
+def _unresolved_variance(world: Surroundings, wind_mps: float) -> float:
+    """Return the variance of the slopes of the waves that are too short to be components.
+
+    Cox and Munk 1954: the mean square slope of a sea is 0.003 + 0.00512 times the wind at 12.5 m.
+    """
+    total = 0.003 + 0.00512 * wind_mps
+    if isinstance(world.waves, WaveField):
+        waves = world.waves
+        total -= 0.5 * float(np.sum((waves.amplitude_m * np.hypot(*waves.wave_vector_radpm.T)) ** 2))
+    return max(total, 0.002)
+
+
+def _grain(rng: Generator) -> NDArray[float32]:
+    return rng.standard_normal((GRAIN_PX, GRAIN_PX, 3)).astype(float32)
+
+
+def _curve() -> NDArray[float32]:
+    """Return sRGB of a linear value (IEC 61966-2-1)."""
+    value = (np.arange(CURVE_PX) + 0.5) / CURVE_PX
+    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1.0 / 2.4) - 0.055).astype(float32)
+
+
+def _ripples(rng: Generator) -> NDArray[float32]:
+    """Return a periodic pattern (R, R, 3): slopes of unit variance and a noise from 0 to 1 for foam."""
+    number = np.fft.fftfreq(RIPPLE_PX, 1.0 / RIPPLE_PX)
+    across, along = np.meshgrid(number, number)
+    length = np.hypot(across, along)
+    with np.errstate(divide="ignore"):
+        amplitude = np.where((length > 1.5) & (length < 60.0), length**-2.2, 0.0)
+    spectrum = amplitude * np.exp(2j * math.pi * rng.uniform(size=amplitude.shape))
+    slopes = [np.fft.ifft2(1j * part * spectrum).real for part in (along, across)]
+    blotches = np.where((length > 2.0) & (length < 40.0), np.maximum(length, 1.0) ** -1.1, 0.0)
+    noise = np.fft.ifft2(blotches * np.exp(2j * math.pi * rng.uniform(size=amplitude.shape))).real
+    noise = 0.5 + 0.17 * noise / noise.std()
+    return np.stack([*(slope / slope.std() for slope in slopes), np.clip(noise, 0.0, 1.0)], axis=-1).astype(float32)

@@ -1,0 +1,6 @@
+in float share;
+out vec4 foam;
+
+void main() {
+    foam = vec4(share);
+}

@@ -1,0 +1,31 @@
+uniform sampler2DShadow shadow_map;
+uniform sampler2D ripples;    // the third value is noise
+uniform mat4 to_shadow;
+in vec3 position, normal, in_model, normal_in_model;
+in vec4 colour;
+out vec4 radiance;
+
+float lit(vec3 at) {
+    vec4 place = to_shadow * vec4(at, 1.0);
+    if (any(greaterThan(abs(place.xy), vec2(1.0))) || place.z > 1.0) return 1.0;
+    return texture(shadow_map, vec3(place.xy * 0.5 + 0.5, place.z * 0.5 + 0.498));
+}
+
+void main() {
+    float distance_m = length(position);
+    vec3 n = normalize(normal), view = position / distance_m;
+    if (dot(n, view) > 0.0) n = -n;
+    // A pattern on the surface, in the axes of the model, that fades where a pixel covers it
+    vec3 side = abs(normal_in_model);
+    vec2 on = side.z > max(side.x, side.y) ? in_model.xy : (side.x > side.y ? in_model.yz : in_model.xz);
+    float fade = clamp(30.0 / distance_m, 0.0, 1.0);
+    float pattern = (texture(ripples, on * 0.31).b + 0.6 * texture(ripples, on.yx * 0.067).b - 0.8) * mix(0.45, 1.0, fade);
+    vec3 reflectance = colour.rgb * (1.0 + colour.w * pattern);
+    float facing = max(dot(n, sun.xyz), 0.0);
+    float bright = facing > 0.0 ? lit(position + 0.04 * n) : 0.0;
+    vec3 around = mix(ground_light.rgb, sky_light.rgb, 0.5 - 0.5 * n.z);
+    vec3 light = around + sun_light.rgb * facing * bright;
+    vec3 half_way = normalize(sun.xyz - view);
+    float gloss = (1.0 - colour.w) * 0.25 * pow(max(dot(n, half_way), 0.0), 60.0) * bright;
+    radiance = vec4(through_air(reflectance * light + gloss * sun_light.rgb, distance_m), 1.0);
+}

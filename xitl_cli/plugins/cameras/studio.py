@@ -1,0 +1,208 @@
+"""Takes images: draws what a camera sees, encodes it, and measures its ground truth.
+
+A run sends `Commission`s to a studio in another process, so that drawing has a processor of its own.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy import float32, uint8, uint16
+from numpy.typing import NDArray
+
+from sim_core import frames
+from sim_core.sensors.camera_spec import CameraSpec
+from sim_core.sensors.lens import Lens
+from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
+from xitl_cli.plugins.cameras.models import Model, WorldObject
+from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, Renderer, Response, Shot
+
+THERMAL_NOISE_C = 0.05
+KELVIN = 273.15
+PALETTE = {
+    ObjectClass.SKY: (135, 180, 230),
+    ObjectClass.WATER: (30, 70, 120),
+    ObjectClass.GROUND: (150, 120, 80),
+    ObjectClass.VEGETATION: (50, 130, 50),
+    ObjectClass.ROCK: (110, 105, 100),
+    ObjectClass.DAM: (170, 170, 170),
+    ObjectClass.BOOM: (240, 120, 20),
+    ObjectClass.BUILDING: (210, 200, 180),
+    ObjectClass.VESSEL: (220, 40, 40),
+    ObjectClass.DEBRIS: (120, 60, 20),
+    ObjectClass.BUOY: (250, 220, 40),
+    ObjectClass.OTHER: (160, 60, 200),
+    ObjectClass.OWN_VESSEL: (90, 90, 90),
+}
+"""Colours of segmentation images: their PNG has the class as value and these as its palette."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Commission:
+    """An image to take."""
+
+    camera: str
+    number: int
+    stamp_ns: int
+    shots: tuple[Shot, ...]
+    """One, or several whose mean is the image: exposures within its time, each with its rows."""
+    middle: Shot
+    """At the time stamp, for ground truth, depth, segmentation and thermal images."""
+    response: Response
+    objects: tuple[tuple[str, int], ...]
+    """Model and number of the first object of each placed model."""
+    noise_seed: int = 0
+
+
+class Studio:
+    """Takes images with the cameras of one vessel. models: by name, for the renderer."""
+
+    def __init__(self, cameras: Sequence[CameraSpec], models: Mapping[str, Model]) -> None:
+        self._cameras = {camera.name: camera for camera in cameras}
+        self._lenses = {camera.name: lens_of(camera) for camera in cameras}
+        self._models = dict(models)
+        self._renderer = Renderer(models)
+
+    @property
+    def device(self) -> str:
+        """Name of the renderer."""
+        return self._renderer.device
+
+    def add(self, name: str, model: Model) -> None:
+        """Add a model."""
+        self._models[name] = model
+        self._renderer.add(name, model)
+
+    def close(self) -> None:
+        """Release the renderer."""
+        self._renderer.close()
+
+    def take(self, wanted: Commission) -> CameraImage:
+        """Return an image."""
+        camera, lens = self._cameras[wanted.camera], self._lenses[wanted.camera]
+        view = wanted.middle.view
+        measured = objects = instances = None
+        if camera.truth or camera.kind != "colour":
+            measured = self._renderer.measure(view, lens, wanted.middle.world)
+        pixels: NDArray[Any]
+        if camera.kind == "colour":
+            pixels = self._renderer.colour(wanted.shots, lens, wanted.response)
+        else:
+            assert measured is not None
+            pixels = self._value(camera.kind, measured, wanted)
+        if camera.truth and measured is not None:
+            known = [
+                (first + number, model, seen)
+                for model, first in wanted.objects
+                for number, seen in enumerate(self._models[model].objects)
+            ]
+            objects, instances = seen_objects(measured, known, wanted.middle)
+        return CameraImage(
+            camera=camera.name,
+            kind=camera.kind,
+            number=wanted.number,
+            stamp_ns=wanted.stamp_ns,
+            pixels=pixels,
+            lens=lens,
+            pos_ned_m=view.pos_ned_m,
+            rot_ned_optical=view.rot_ned_optical,
+            objects=objects or (),
+            instances=instances,
+            horizon_px=horizon_px(lens, view.rot_ned_optical) if camera.truth else None,
+            encoded=encoded(camera.kind, pixels, camera.quality),
+        )
+
+    def _value(self, kind: str, measured: NDArray[float32], wanted: Commission) -> NDArray[Any]:
+        if kind == "depth":
+            return np.ascontiguousarray(measured[..., 1])
+        if kind == "thermal":
+            rng = np.random.default_rng(wanted.noise_seed)
+            noisy = measured[..., 2] + THERMAL_NOISE_C * rng.standard_normal(measured.shape[:2], dtype=float32)
+            return np.rint(100.0 * (noisy + KELVIN)).astype(uint16)
+        class_of = np.full(SKY_ID + 1, ObjectClass.OTHER, uint8)
+        class_of[SKY_ID], class_of[SEA_ID] = ObjectClass.SKY, ObjectClass.WATER
+        for model, first in wanted.objects:
+            for number, seen in enumerate(self._models[model].objects):
+                class_of[first + number] = seen.kind
+        return class_of[measured[..., 0].astype(np.int64)]
+
+
+def lens_of(camera: CameraSpec) -> Lens:
+    """Return the lens of a camera."""
+    return Lens.from_spec(camera.lens, camera.width_px, camera.height_px)
+
+
+def seen_objects(
+    measured: NDArray[float32], known: Sequence[tuple[int, str, WorldObject]], shot: Shot
+) -> tuple[tuple[SeenObject, ...], NDArray[uint16]]:
+    """Return the visible objects, and (H, W) 1 + index in them of each pixel, 0 for water and sky.
+
+    measured: (H, W, 3) of the renderer. known: number, model and object.
+    """
+    numbers = measured[..., 0].astype(np.int64)
+    place = np.flatnonzero(numbers.ravel() < SEA_ID)
+    found, index, counts = np.unique(numbers.ravel()[place], return_inverse=True, return_counts=True)
+    row, column = np.divmod(place, measured.shape[1])
+    low, high = np.full((len(found), 2), 1 << 30), np.full((len(found), 2), -1)
+    for axis, values in enumerate((column, row)):
+        np.minimum.at(low[:, axis], index, values)
+        np.maximum.at(high[:, axis], index, values)
+    placed = {one.model: one for one in shot.world.placed}
+    of_number = {number: (model, seen) for number, model, seen in known}
+    instances = np.zeros(measured.shape[:2], uint16)
+    instances.ravel()[place] = index + 1
+    result = []
+    for number, count, first, last in zip(found.tolist(), counts.tolist(), low.tolist(), high.tolist(), strict=True):
+        model, seen = of_number[number]
+        at = placed[model]
+        to_optical = shot.view.rot_ned_optical.T
+        centre = to_optical @ (at.pos_ned_m + at.rot_ned_model @ np.array(seen.centre_m) - shot.view.pos_ned_m)
+        turn = to_optical @ at.rot_ned_model @ seen.rot_model_box
+        x, y, z = centre.tolist()
+        qw, qx, qy, qz = frames.matrix_to_quat(turn).tolist()
+        result.append(
+            SeenObject(
+                name=seen.name,
+                kind=seen.kind,
+                box_px=(first[0] - 0.5, first[1] - 0.5, last[0] + 0.5, last[1] + 0.5),
+                pixels=count,
+                distance_m=float(np.linalg.norm(centre)),
+                centre_optical_m=(x, y, z),
+                quat_optical_box=(qw, qx, qy, qz),
+                size_m=seen.size_m,
+            )
+        )
+    return tuple(result), instances
+
+
+def horizon_px(lens: Lens, rot_ned_optical: np.ndarray[Any, Any]) -> tuple[float, float] | None:
+    """Return the row of the horizon at the first and the last column of an ideal pinhole; None for others.
+
+    The horizon is where directions are level: the dip of 2 arc minutes at 1 m above the water is left out.
+    """
+    x, y, z = rot_ned_optical[2]
+    if not lens.is_ideal or abs(y) < 1e-6:
+        return None
+    (middle_x, middle_y), focal = lens.centre_px, lens.focal_px
+    rows = [middle_y - focal * (x * (column - middle_x) / focal + z) / y for column in (0, lens.width_px - 1)]
+    return float(rows[0]), float(rows[1])
+
+
+def encoded(kind: str, pixels: NDArray[Any], quality: int) -> bytes:
+    """Return the file of an image: JPEG of colour, PNG of segmentation (with a palette) and thermal, empty of depth."""
+    from PIL import Image
+
+    if kind == "depth":
+        return b""
+    image, out = Image.fromarray(pixels), io.BytesIO()
+    if kind == "colour":
+        image.save(out, "JPEG", quality=quality)
+    else:
+        if kind == "segmentation":
+            image.putpalette([part for name in ObjectClass for part in PALETTE[name]])
+        image.save(out, "PNG", compress_level=1)
+    return out.getvalue()
