@@ -38,8 +38,7 @@ class CameraMessage(NamedTuple):
 
 def cameras_of(profile: RunProfile) -> tuple[CameraSpec, ...]:
     """Return the cameras of a vessel."""
-    cameras: tuple[CameraSpec, ...] = getattr(profile.sensors, "cameras", ())
-    return cameras
+    return () if profile.sensors is None else profile.sensors.cameras
 
 
 def camera_topics(camera: CameraSpec) -> tuple[str, str]:
