@@ -79,7 +79,7 @@ def daylight(sun_ned: Array, clouds: float) -> Daylight:
     cloud = 0.85 * sun * max(-float(sun_ned[2]), 0.15) + 0.9 * sky
     light = float((sky + sun * max(-float(sun_ned[2]), 0.0)).mean())
     stars = 0.02 * float(np.clip((-height_deg - 6.0) / 8.0, 0.0, 1.0)) * (1.0 - overcast)
-    exposure = 0.75 / max(light, 0.004)
+    exposure = 1.0 / max(light, 0.006)
     return Daylight(sun_ned, sun, sky, zenith, horizon, glow, cloud, clouds, stars, exposure)
 
 

@@ -14,7 +14,7 @@ from sim_core.frames import Array
 from sim_core.vessel.sections import hull_shape
 from sim_core.vessel.spec import VesselSpec
 from sim_core.world.debris import BodyKind
-from sim_core.world.geometry import STEEL, UPRIGHT, Mesh, box, cylinder, moved
+from sim_core.world.geometry import STEEL, UPRIGHT, Mesh, box, cylinder, moved, sphere
 from sim_core.world.rays import ScenePart
 from sim_core.world.river import RiverBed
 from xitl_cli.plugins.cameras.images import ObjectClass
@@ -24,12 +24,12 @@ from xitl_cli.scenery import Scenery
 VERTEX = np.dtype(
     [("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "<f4", 4), ("id", "<f4"), ("temperature", "<f4")]
 )
-"""colour: linear red, green and blue, then the strength of the pattern on the surface."""
+"""colour: linear red, green and blue, then the strength of the pattern on the surface, or `LIGHT` for a lamp."""
 SMOOTH_COSINE = 0.78
 """Faces that meet at a smaller angle are shaded as one round surface."""
 GROUND_CELL_M = 4.0
-DEEP_M = 3.0
-"""Triangles deeper below the mean water are never seen: the water is opaque, and tides are smaller."""
+DEEP_M, BURIED_M = 1.0, 0.4
+"""Triangles deeper below the lowest still water, or below the ground, are never seen: the water is opaque."""
 WATER_C, AIR_C = 24.0, 27.0
 _TEMPERATURES_C = {
     ObjectClass.GROUND: 31.0,
@@ -65,6 +65,10 @@ _PART_CLASSES = {
     "building": ObjectClass.BUILDING,
 }
 WHITE, DARK, ORANGE, RED = (0.90, 0.91, 0.92), (0.10, 0.11, 0.12), (0.95, 0.40, 0.06), (0.45, 0.06, 0.05)
+
+WHITE_LIGHT, RED_LIGHT, GREEN_LIGHT = (1.0, 0.98, 0.9), (1.0, 0.1, 0.08), (0.1, 1.0, 0.3)
+LIGHT = -1.0
+"""Pattern of a lamp."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +135,11 @@ def _object(name: str, kind: ObjectClass, points_m: Array, rotation: Array | Non
     return WorldObject(name, kind, (x, y, z), (length, width, height), turn)
 
 
-def world_model(scenery: Scenery) -> Model:
-    """Return everything that does not move, in NED. Floats of the boom, buildings and meshes are objects of their own."""
+def world_model(scenery: Scenery, lowest_tide_m: float = 0.0) -> Model:
+    """Return everything that does not move, in NED. Floats of the boom, buildings and meshes are objects of their own.
+
+    lowest_tide_m: lowest height of the water above its mean level.
+    """
     vertices: list[NDArray[np.void]] = []
     objects: list[WorldObject] = []
     parts: list[ScenePart] = list(scenery.scene.parts)
@@ -155,9 +162,12 @@ def world_model(scenery: Scenery) -> Model:
         vertices.append(_of_mesh(part.mesh, kind, len(objects), colour))
         objects.append(_object(name, kind, points, rotation))
     joined = np.concatenate(vertices) if vertices else np.zeros(0, VERTEX)
-    high_m = joined["position"][:, 2].reshape(-1, 3).min(axis=1)
-    seen = np.repeat(high_m < scenery.water_down_m + DEEP_M, 3)
-    return Model(joined[seen], tuple(objects))
+    corners = joined["position"].astype(float).reshape(-1, 3, 3)
+    seen = corners[..., 2].min(axis=1) < scenery.water_down_m - lowest_tide_m + DEEP_M
+    if isinstance(scenery.bed, RiverBed):
+        below_ground_m = corners[..., 2] - scenery.bed.bed_down_m(corners[..., :2])
+        seen &= below_ground_m.min(axis=1) < BURIED_M
+    return Model(joined[np.repeat(seen, 3)], tuple(objects))
 
 
 def _long_axis(points_m: Array) -> Array:
@@ -206,6 +216,15 @@ def vessel_model(vehicle: VesselSpec, name: str, kind: ObjectClass = ObjectClass
     )
     antenna = moved(cylinder(0.03 * scale_m, 0.02 * scale_m, STEEL, 12), (foot[0], 0.0, foot[2] - mast_m), UPRIGHT)
     pieces.append((antenna, WHITE, 0.0))
+    # Navigation lights (COLREG rule 23 for a power-driven vessel under 12 m: white all round, sidelights)
+    radius_m = 0.012 * scale_m
+    side_m, bow_m = 0.5 * house[1], place[0] + 0.5 * house[0]
+    for at, colour in (
+        ((foot[0], 0.0, foot[2] - mast_m - 2.0 * radius_m), WHITE_LIGHT),
+        ((bow_m, -side_m, top_m - house[2]), RED_LIGHT),
+        ((bow_m, side_m, top_m - house[2]), GREEN_LIGHT),
+    ):
+        pieces.append((moved(sphere(radius_m, STEEL, 8, 4), at), colour, LIGHT))
     for propeller in vehicle.propellers:
         forward, right, down = propeller.position_frd_m
         curve = propeller.open_water

@@ -131,10 +131,10 @@ class CameraNode(RunNode):
         context = self._context
         vessel = context.profile.vessel or context.profile.name
         self._models = {
-            WORLD: world_model(context.scenery),
+            WORLD: world_model(context.scenery, context.plant.simulation.environment.tide.bounds_m[0]),
             OWN: vessel_model(context.profile.vehicle, vessel, ObjectClass.OWN_VESSEL),
         }
-        self._studio.start(self._models)
+        self._studio.start(self._models, still=(WORLD,))
 
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder

@@ -21,7 +21,7 @@ def main(pipe: Pipe) -> None:
     start, *messages = pipe.receive_first()
     assert isinstance(start, StudioStart)
     try:
-        studio = Studio(start.cameras, start.models)
+        studio = Studio(start.cameras, start.models, start.still)
     except UserError as error:
         pipe.send({"problem": str(error)})
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +39,8 @@ class StudioStart:
 
     cameras: Sequence[CameraSpec]
     models: Mapping[str, Model]
+    still: Collection[str]
+    """Models that never move."""
 
 
 class RemoteStudio:
@@ -56,10 +58,10 @@ class RemoteStudio:
         self._submitted: deque[Commission] = deque()
         self.figures = StudioFigures()
 
-    def start(self, models: Mapping[str, Model]) -> None:
+    def start(self, models: Mapping[str, Model], still: Collection[str]) -> None:
         """Start the process and wait until it can draw. Raises UserError when this machine cannot."""
         self._process.start()
-        self._process.send(StudioStart(tuple(self._cameras.values()), models))
+        self._process.send(StudioStart(tuple(self._cameras.values()), models, still))
         reply = self._receive()
         if reply is None or "problem" in reply:
             raise UserError(reply["problem"] if reply else "cameras cannot draw: their process ended while it started")

@@ -11,7 +11,7 @@ temperature of each pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import groupby
@@ -31,15 +31,17 @@ from xitl_cli.plugins.cameras.models import VERTEX, WATER_C, Model
 
 NEAR_M, FAR_M = 0.08, 12_000.0
 MOST_COMPONENTS = 64
-SHADOW_PX, SHADOW_M = 1024, 90.0
+SHADOW_PX, SHADOW_M, SHADOW_STEP_M = 1024, 120.0, 8.0
 """Size of the shadow map, and width of the square around the camera that has shadows."""
 FOAM_PX, FOAM_M = 256, 128.0
-RIPPLE_PX = 256
+RIPPLE_PX, RIPPLE_M = 512, 6.5
 SKY_PX = (512, 512)
-GRAIN_PX, CURVE_PX = 512, 4096
+GRAIN_PX = 512
 RINGS = 110
 CELL_M = 25.0
 """Of the grid in which models are searched for what is in sight."""
+GRAINS_M, GRAIN_OF_PX = (0.25, 0.6, 1.5), 1.0
+"""Sizes of the cubes in which corners become one, far away, and the smallest of them for a pixel of 1 m."""
 SEA_ID, SKY_ID = 60_000, 65_000
 """Numbers of water and sky in the pictures. Those of objects are smaller."""
 SKY_C = -20.0
@@ -131,19 +133,23 @@ class Target:
         self.lens = lens
         self.faces = faces_of(lens)
         width, height = self.faces[0].size_px
-        self.drawn = context.texture((width, height), 4, dtype="f2")
+        self.drawn = context.texture((width, height), 4)
         self.drawn.repeat_x = self.drawn.repeat_y = False
-        self.colour = context.framebuffer([self.drawn])
+        self.numbers = context.texture((width, height), 1, dtype="f4")
+        self.colour = context.framebuffer([self.drawn, self.numbers])
         self.several = (
             context.framebuffer(
-                [context.renderbuffer((width, height), 4, samples=samples, dtype="f2")],
+                [
+                    context.renderbuffer((width, height), 4, samples=samples),
+                    context.renderbuffer((width, height), 1, samples=samples, dtype="f4"),
+                ],
                 context.depth_renderbuffer((width, height), samples=samples),
             )
             if samples > 1
-            else context.framebuffer([self.drawn], context.depth_renderbuffer((width, height)))
+            else context.framebuffer([self.drawn, self.numbers], context.depth_renderbuffer((width, height)))
         )
         half = max(width // 2, 1), max(height // 2, 1)
-        self.mirrored = context.texture(half, 4, dtype="f2")
+        self.mirrored = context.texture(half, 4)
         self.mirrored.repeat_x = self.mirrored.repeat_y = False
         self.mirror = context.framebuffer([self.mirrored], context.depth_renderbuffer(half))
         self.measured = context.framebuffer(
@@ -233,7 +239,8 @@ class Cells:
     indices: NDArray[np.uint32]
     """(3 T,) of the triangles, cell by cell."""
     rows: NDArray[np.uint32]
-    """(C, 5) draw command of each cell: number of indices, 1, first index, 0, 0."""
+    """(D, C, 5) draw command of each cell, with less detail in each row of the first axis: number of indices, 1, first
+    index, 0, 0."""
     middle_m: Array
     """(C, 3) middle of the sphere around each cell."""
     radius_m: Array
@@ -248,8 +255,6 @@ class Cells:
         sorted_triangles = np.argsort(cell, kind="stable")
         firsts = np.flatnonzero(np.diff(cell[sorted_triangles], prepend=-1))
         counts = np.diff(firsts, append=len(cell))
-        rows = np.zeros((len(firsts), 5), np.uint32)
-        rows[:, 0], rows[:, 1], rows[:, 2] = 3 * counts, 1, 3 * firsts
         middle, radius = np.empty((len(firsts), 3)), np.empty(len(firsts))
         for number, (first, count) in enumerate(zip(firsts, counts, strict=True)):
             points = corners[sorted_triangles[first : first + count]].reshape(-1, 3)
@@ -257,15 +262,43 @@ class Cells:
             radius[number] = np.linalg.norm(points - middle[number], axis=1).max()
         order = (3 * sorted_triangles[:, None] + np.arange(3)).ravel()
         single, indices = np.unique(vertices[order].view(f"V{VERTEX.itemsize}"), return_inverse=True)
-        return cls(single.view(VERTEX), indices.astype(np.uint32), rows, middle, radius)
+        single = single.view(VERTEX)
+        corner = indices.reshape(-1, 3)
+        cell_of = cell[sorted_triangles]
+        levels, rows, first = [corner], [], 0
+        for grain_m in GRAINS_M:
+            # Corners in one cube of this size become one corner; triangles that vanish are left out
+            cube = np.floor(single["position"] / grain_m).astype(np.int64)
+            key = np.column_stack([cube, single["id"].astype(np.int64)])
+            _, representative, same = np.unique(key, axis=0, return_index=True, return_inverse=True)
+            levels.append(representative[same.ravel()][corner])
+        kept = []
+        for level in levels:
+            thick = (level[:, 0] != level[:, 1]) & (level[:, 1] != level[:, 2]) & (level[:, 2] != level[:, 0])
+            counts = np.bincount(cell_of[thick], minlength=len(firsts))
+            row = np.zeros((len(firsts), 5), np.uint32)
+            row[:, 0], row[:, 1] = 3 * counts, 1
+            row[:, 2] = 3 * (first + np.cumsum(counts) - counts)
+            rows.append(row)
+            kept.append(level[thick])
+            first += int(thick.sum())
+        return cls(single, np.concatenate(kept).ravel().astype(np.uint32), np.stack(rows), middle, radius)
 
-    def inside(self, to_clip: Array) -> NDArray[np.bool_]:
-        """Return whether each cell may be in sight. to_clip: (4, 4), from the axes of the model."""
+    def commands(self, to_clip: Array, camera_m: Array, px_per_rad: float) -> NDArray[np.uint32]:
+        """Return the draw commands of the cells in sight, (K, 5), with as much detail as pixels can show.
+
+        to_clip: (4, 4), from the axes of the model. camera_m: position of the camera in these axes.
+        """
         across = np.array([to_clip[3] + to_clip[0], to_clip[3] - to_clip[0], to_clip[3] + to_clip[1],
                            to_clip[3] - to_clip[1], to_clip[3] + to_clip[2], to_clip[3] - to_clip[2]])  # fmt: skip
         across = across / np.linalg.norm(across[:, :3], axis=1, keepdims=True)
         distance = self.middle_m @ across[:, :3].T + across[:, 3]
-        return np.asarray((distance > -self.radius_m[:, None]).all(axis=1))
+        inside = np.flatnonzero((distance > -self.radius_m[:, None]).all(axis=1))
+        away_m = np.linalg.norm(self.middle_m[inside] - camera_m, axis=1) - self.radius_m[inside]
+        shown_m = np.maximum(away_m, 0.0) / px_per_rad
+        level = np.searchsorted(np.array(GRAINS_M), GRAIN_OF_PX * shown_m)
+        rows: NDArray[np.uint32] = self.rows[level, inside]
+        return rows[rows[:, 0] > 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -280,9 +313,12 @@ class LoadedModel:
 
 
 class Renderer:
-    """Draws pictures of models in one OpenGL context. samples: of each pixel, for smooth edges."""
+    """Draws pictures of models in one OpenGL context.
 
-    def __init__(self, models: Mapping[str, Model], samples: int = 4) -> None:
+    still: names of models that never move, and so cast shadows. samples: of each pixel, for smooth edges.
+    """
+
+    def __init__(self, models: Mapping[str, Model], still: Collection[str] = (), samples: int = 4) -> None:
         rng = default_rng(1)  # of the patterns on water and sensors, the same in all runs
         context = self._context = make_context()
         self._samples = min(samples, context.max_samples)
@@ -307,23 +343,26 @@ class Renderer:
         self._screens = {
             name: context.vertex_array(self._programs[name], []) for name in ("sky map", "sky", "lens", "sum")
         }
-        self._sky_map = context.texture(SKY_PX, 4, dtype="f2")
+        self._sky_map = context.texture(SKY_PX, 4)
         self._sky_map.repeat_x = self._sky_map.repeat_y = False
-        self._sky_frame = context.framebuffer([self._sky_map])
+        self._sky_values = context.texture(SKY_PX, 4)
+        self._sky_values.repeat_x = self._sky_values.repeat_y = False
+        self._sky_frame = context.framebuffer([self._sky_map, self._sky_values])
         self._sky_of: tuple[float, ...] = ()
+        self._still = frozenset(still)
+        self._shadow_of: tuple[float, ...] = ()
+        self._to_shadow = np.eye(4)
         self._shadow_map = context.depth_texture((SHADOW_PX, SHADOW_PX))
         self._shadow_map.compare_func = "<="
         self._shadow_map.repeat_x = self._shadow_map.repeat_y = False
         self._shadow_frame = context.framebuffer(depth_attachment=self._shadow_map)
         self._components = context.texture((MOST_COMPONENTS, 1), 4, dtype="f4")
         self._components.filter = (context.NEAREST, context.NEAREST)
-        self._ripples = context.texture((RIPPLE_PX, RIPPLE_PX), 3, _ripples(rng).tobytes(), dtype="f4")
+        self._ripples = context.texture((RIPPLE_PX, RIPPLE_PX), 4, _ripples(rng).tobytes())
         self._ripples.build_mipmaps()
         self._ripples.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-        self._grain = context.texture((GRAIN_PX, GRAIN_PX), 3, _grain(rng).tobytes(), dtype="f4")
+        self._grain = context.texture((GRAIN_PX, GRAIN_PX), 4, _grain(rng).tobytes())
         self._grain.filter = (context.NEAREST, context.NEAREST)
-        self._curve = context.texture((CURVE_PX, 1), 1, _curve().tobytes(), dtype="f4")
-        self._curve.repeat_x = self._curve.repeat_y = False
         self._foam = context.texture((FOAM_PX, FOAM_PX), 1, dtype="f1")
         self._foam.repeat_x = self._foam.repeat_y = False
         self._foam_frame = context.framebuffer([self._foam])
@@ -351,7 +390,7 @@ class Renderer:
             )
             for program in ("model", "shadow", "model truth")
         }
-        self._models[name] = LoadedModel(arrays, cells, self._context.buffer(reserve=max(cells.rows.nbytes, 16)))
+        self._models[name] = LoadedModel(arrays, cells, self._context.buffer(reserve=max(cells.rows[0].nbytes, 20)))
 
     def close(self) -> None:
         """Release the context."""
@@ -367,18 +406,18 @@ class Renderer:
             together = list(group)
             for number, face in enumerate(target.faces):
                 for turn, shot in enumerate(together):
-                    self._draw(target, face, shot)
+                    self._draw(target, face, shot, response.exposure)
                     if len(together) > 1:
                         self._add_up(target, shot.share, first=turn == 0)
-                self._through_lens(target, number, face, response, rows, target.sum if len(together) > 1 else target.drawn)
+                self._through_lens(target, number, face, response, rows, summed=len(together) > 1)
         pixels = np.frombuffer(target.image.read(components=3, alignment=1), uint8)
         return pixels.reshape(lens.height_px, lens.width_px, 3)
 
-    def _draw(self, target: Target, face: Face, shot: Shot) -> None:
+    def _draw(self, target: Target, face: Face, shot: Shot, exposure: float) -> None:
         """Draw the light of one instant on a face into `target.drawn`."""
         context, view, world = self._context, shot.view, shot.world
-        self._set_light(world)
-        self._draw_sky_map(world)
+        self._set_light(world, exposure)
+        self._draw_sky_map(world, exposure)
         self._set_sea(view, world)
         self._ripples.use(3)
         self._draw_shadows(view, world)
@@ -395,7 +434,7 @@ class Renderer:
         self._write("sky", rot_ned_view=rotation, tangent=face.tangent)
         self._screens["sky"].render(vertices=3)
         context.enable_only(context.DEPTH_TEST)
-        self._draw_models("model", to_clip, view, world)
+        self._draw_models("model", to_clip, view, world.placed, px_per_rad=target.lens.focal_px)
         self._draw_water("water", to_clip, rotation, face, view, world)
         frame.scissor = None
         if self._samples > 1:
@@ -413,10 +452,15 @@ class Renderer:
         self._write("sum", share=share)
         self._screens["sum"].render(vertices=3)
 
+    def numbers(self, lens: Lens) -> NDArray[float32]:
+        """Return the numbers of the objects in the latest image of an ideal lens, of one shot, (H, W)."""
+        raw = np.frombuffer(self._target(lens).numbers.read(), float32)
+        return raw.reshape(lens.height_px, lens.width_px)
+
     def measure(self, view: View, lens: Lens, world: Surroundings) -> NDArray[float32]:
         """Return number of the object, metres along the optical axis and °C of each pixel, (H, W, 3)."""
         context, target = self._context, self._target(lens)
-        self._set_light(world)
+        self._set_light(world, 1.0)
         self._set_sea(view, world)
         result = np.empty((lens.height_px, lens.width_px, 3), float32)
         for face in target.faces:
@@ -425,7 +469,7 @@ class Renderer:
             target.measured.use()
             target.measured.clear(SKY_ID, np.inf, SKY_C, 0.0, depth=1.0)
             context.enable_only(context.DEPTH_TEST)
-            self._draw_models("model truth", to_clip, view, world)
+            self._draw_models("model truth", to_clip, view, world.placed)
             self._draw_water("water truth", to_clip, rotation, face, view, world)
             raw = np.frombuffer(target.measured.read(components=4, dtype="f4"), float32)
             measured = raw.reshape(face.size_px[1], face.size_px[0], 4)[..., :3]
@@ -446,12 +490,12 @@ class Renderer:
     def _program(self, vertex: str, fragment: str) -> Any:
         folder = files(__package__) / "shaders"
         common = (folder / "common.glsl").read_text()
-        sources = ["#version 330\n" + common + (folder / name).read_text() for name in (vertex, fragment)]
+        sources = [f"#version 330\n#define TILE_M {RIPPLE_M}\n" + common + (folder / name).read_text() for name in (vertex, fragment)]
         program = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
         if "Light" in program:
             program["Light"].binding = 0
         units = {"sky_map": 0, "shadow_map": 1, "components": 2, "ripples": 3, "mirrored": 4, "foam_map": 5, "drawn": 6}
-        for sampler, unit in {**units, "source_of": 7, "grain": 8, "curve": 9}.items():
+        for sampler, unit in {**units, "source_of": 7, "grain": 8, "sky_values": 9}.items():
             if sampler in program:
                 program[sampler].value = unit
         return program
@@ -472,15 +516,15 @@ class Renderer:
             self._targets[lens] = Target(self._context, lens, self._samples)
         return self._targets[lens]
 
-    def _set_light(self, world: Surroundings) -> None:
+    def _set_light(self, world: Surroundings, exposure: float) -> None:
         light, wind = world.light, float(np.hypot(*world.wind_ne_mps))
         sea_light = light.sky + light.sun * max(-float(light.sun_ned[2]), 0.0)
         values = np.array(
             [
                 [*light.sun_ned, math.cos(SUN_RADIUS_RAD)],
-                [*light.sun, 600.0],
+                [*light.sun, 0.0],
                 [*light.sky, world.extinction_per_m],
-                [*(world.water_colour * sea_light + 0.06 * light.sky), 0.0],
+                [*(world.water_colour * sea_light + 0.06 * light.sky), exposure],
                 [*light.horizon, world.time_s],
                 [*world.water_colour, _unresolved_variance(world, wind)],
             ],
@@ -488,9 +532,9 @@ class Renderer:
         )
         self._light.write(values.tobytes())
 
-    def _draw_sky_map(self, world: Surroundings) -> None:
+    def _draw_sky_map(self, world: Surroundings, exposure: float) -> None:
         light = world.light
-        wanted = (*light.sun_ned.tolist(), light.clouds, world.extinction_per_m, math.floor(world.time_s / 5.0))
+        wanted = (exposure, *light.sun_ned.tolist(), light.clouds, world.extinction_per_m, math.floor(world.time_s / 5.0))
         if wanted != self._sky_of:
             self._sky_of = wanted
             self._sky_frame.use()
@@ -503,6 +547,7 @@ class Renderer:
             )
             self._screens["sky map"].render(vertices=3)
         self._sky_map.use(0)
+        self._sky_values.use(9)
 
     def _set_sea(self, view: View, world: Surroundings) -> None:
         """Load the components with their phases at the camera, those with the most height first."""
@@ -522,35 +567,42 @@ class Renderer:
                 program,
                 count=count,
                 water_at=[0.0, 0.0, world.water_down_m - view.pos_ned_m[2]],
-                origin_ne=np.remainder(view.pos_ned_m[:2], 14.44),
+                origin_ne=np.remainder(view.pos_ned_m[:2], RIPPLE_M),
                 water_id=float(SEA_ID),
                 water_temperature=WATER_C,
             )
 
     def _draw_shadows(self, view: View, world: Surroundings) -> None:
-        """Draw the depth of all models as the sun sees them, around the camera."""
+        """Draw the depth of what does not move as the sun sees it, around the camera.
+
+        It is drawn again when the camera has moved by `SHADOW_STEP_M`, or the sun by a tenth of a degree.
+        """
         sun = world.light.sun_ned
+        middle_m = np.round(view.pos_ned_m / SHADOW_STEP_M) * SHADOW_STEP_M
+        wanted = (*middle_m.tolist(), *np.round(sun, 3).tolist())
+        self._shadow_map.use(1)
+        if wanted == self._shadow_of:
+            to_map = self._to_shadow.copy()
+            to_map[:3, 3] += to_map[:3, :3] @ (view.pos_ned_m - middle_m)
+            self._write("model", to_shadow=to_map)
+            return
+        self._shadow_of = wanted
         across = np.cross(sun, [0.0, 0.0, 1.0])
         across = across / np.linalg.norm(across) if np.linalg.norm(across) > 1e-6 else np.array([1.0, 0.0, 0.0])
         axes = np.array([across, np.cross(sun, across), -sun])
         half = 0.5 * SHADOW_M
-        # Steps of whole texels, so that the edges of shadows do not crawl
-        texel = SHADOW_M / SHADOW_PX
-        centre = axes @ view.pos_ned_m
-        shift = np.round(centre / texel) * texel - centre
         to_shadow = np.eye(4)
         to_shadow[:3, :3] = axes / np.array([[half], [half], [2.0 * half]])
-        to_shadow[:3, 3] = -shift / np.array([half, half, 2.0 * half])
         self._shadow_frame.use()
         self._shadow_frame.clear(depth=1.0)
         if float(world.light.sun.max()) > 0.02:
             self._context.enable_only(self._context.DEPTH_TEST)
-            self._draw_models("shadow", to_shadow, view, world)
-        to_map = to_shadow.copy()
-        to_map[2] = 0.5 * to_shadow[2]
-        to_map[2, 3] += 0.5
-        self._write("model", to_shadow=to_map)
-        self._shadow_map.use(1)
+            still = [placed for placed in world.placed if placed.model in self._still]
+            self._draw_models("shadow", to_shadow, View(middle_m, view.rot_ned_optical), still)
+        self._to_shadow = to_shadow.copy()
+        self._to_shadow[2] *= 0.5
+        self._to_shadow[2, 3] += 0.5
+        self._draw_shadows(view, world)
 
     def _draw_foam(self, view: View, world: Surroundings) -> None:
         self._foam_frame.use()
@@ -569,7 +621,7 @@ class Renderer:
             strip.release()
             buffer.release()
         self._foam.use(5)
-        self._write("water", foam_frame=corner)
+        self._write("water", foam_frame=corner)  # its edge has no foam, so that there is none beyond
 
     def _draw_mirrored(self, target: Target, to_clip: Array, view: View, world: Surroundings) -> None:
         still_m = world.water_down_m - view.pos_ned_m[2]
@@ -579,8 +631,10 @@ class Renderer:
         target.mirror.clear()
         self._context.enable_only(self._context.DEPTH_TEST)
         self._context.enable_direct(0x3000)  # GL_CLIP_DISTANCE0
-        self._draw_models("model", to_clip @ flip, view, world, keep=(0.0, 0.0, -1.0, still_m + 0.02))
+        self._write("model", mirrored=True)
+        self._draw_models("model", to_clip @ flip, view, world.placed, (0.0, 0.0, -1.0, still_m + 0.02), target.lens.focal_px / 4.0)
         self._context.disable_direct(0x3000)
+        self._write("model", mirrored=False)
         target.mirrored.use(4)
 
     def _draw_models(
@@ -588,15 +642,17 @@ class Renderer:
         program: str,
         to_clip: Array,
         view: View,
-        world: Surroundings,
+        drawn: Sequence[Placed],
         keep: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
+        px_per_rad: float = math.inf,
     ) -> None:
+        """Draw models. px_per_rad: resolution of the picture, for the detail of what is far away; inf for all detail."""
         self._write(program, to_clip=to_clip, keep=keep)
-        for placed in world.placed:
+        for placed in drawn:
             loaded, at_m = self._models[placed.model], placed.pos_ned_m - view.pos_ned_m
             placement = np.eye(4)
             placement[:3, :3], placement[:3, 3] = placed.rot_ned_model, at_m
-            rows = loaded.cells.rows[loaded.cells.inside(to_clip @ placement)]
+            rows = loaded.cells.commands(to_clip @ placement, -at_m @ placed.rot_ned_model, px_per_rad)
             if len(rows):
                 self._write(
                     program, rot_ned_model=placed.rot_ned_model, model_at=at_m, first_id=float(placed.first_id)
@@ -613,7 +669,7 @@ class Renderer:
         wind = float(np.hypot(*world.wind_ne_mps))
         toward = world.wind_ne_mps / wind if wind > 0.0 else np.zeros(2)
         whitecaps = 3.84e-6 * wind**3.41  # share of the sea (Monahan and O'Muircheartaigh 1980)
-        self._write(program, to_clip=to_clip, picture_px=face.size_px, wind=[*toward, wind, whitecaps])
+        self._write(program, to_clip=to_clip, per_px=1.0 / np.array(face.size_px), wind=[*toward, wind, whitecaps])
         points, order = self._context.buffer(vertices.tobytes()), self._context.buffer(indices.tobytes())
         layout = (points, "2f 2f", "in_bearing", "in_ring")
         water = self._context.vertex_array(self._programs[program], [layout], order, index_element_size=4)
@@ -622,16 +678,15 @@ class Renderer:
             used.release()
 
     def _through_lens(
-        self, target: Target, number: int, face: Face, response: Response, rows: tuple[int, int] | None, light: Any
+        self, target: Target, number: int, face: Face, response: Response, rows: tuple[int, int] | None, summed: bool
     ) -> None:
         """Write the pixels of a face, in some rows, into the image. number: of the face."""
         context, lens = self._context, target.lens
         target.image.use()
         target.image.scissor = None if rows is None else (0, rows[0], lens.width_px, rows[1] - rows[0])
         context.enable_only(context.NOTHING)
-        light.use(6)
+        (target.sum if summed else target.drawn).use(6)
         self._grain.use(8)
-        self._curve.use(9)
         if face.places is not None:
             key = lens, number
             if key not in self._sources:
@@ -644,7 +699,7 @@ class Renderer:
         self._write(
             "lens",
             ideal=face.places is None,
-            exposure=response.exposure,
+            summed=summed,
             vignetting=response.vignetting,
             noise=(response.read_noise, response.shot_noise),
             grain_at=response.grain_at,
@@ -723,26 +778,23 @@ def _unresolved_variance(world: Surroundings, wind_mps: float) -> float:
     return max(total, 0.002)
 
 
-def _grain(rng: Generator) -> NDArray[float32]:
-    return rng.standard_normal((GRAIN_PX, GRAIN_PX, 3)).astype(float32)
+def _grain(rng: Generator) -> NDArray[uint8]:
+    """Return normal numbers, as the shader of the lens decodes them."""
+    values = rng.standard_normal((GRAIN_PX, GRAIN_PX, 4))
+    return np.clip(np.rint(255.0 * (values + 3.0) / 6.0), 0, 255).astype(uint8)
 
 
-def _curve() -> NDArray[float32]:
-    """Return sRGB of a linear value (IEC 61966-2-1)."""
-    value = (np.arange(CURVE_PX) + 0.5) / CURVE_PX
-    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1.0 / 2.4) - 0.055).astype(float32)
-
-
-def _ripples(rng: Generator) -> NDArray[float32]:
-    """Return a periodic pattern (R, R, 3): slopes of unit variance and a noise from 0 to 1 for foam."""
+def _ripples(rng: Generator) -> NDArray[uint8]:
+    """Return a periodic pattern (R, R, 4): slopes of unit variance and a noise, as the shader of water decodes them."""
     number = np.fft.fftfreq(RIPPLE_PX, 1.0 / RIPPLE_PX)
     across, along = np.meshgrid(number, number)
     length = np.hypot(across, along)
     with np.errstate(divide="ignore"):
-        amplitude = np.where((length > 1.5) & (length < 60.0), length**-2.2, 0.0)
+        amplitude = np.where((length > 2.5) & (length < 120.0), length**-2.1, 0.0)
     spectrum = amplitude * np.exp(2j * math.pi * rng.uniform(size=amplitude.shape))
     slopes = [np.fft.ifft2(1j * part * spectrum).real for part in (along, across)]
-    blotches = np.where((length > 2.0) & (length < 40.0), np.maximum(length, 1.0) ** -1.1, 0.0)
+    blotches = np.where((length > 2.5) & (length < 120.0), np.maximum(length, 1.0) ** -1.1, 0.0)
     noise = np.fft.ifft2(blotches * np.exp(2j * math.pi * rng.uniform(size=amplitude.shape))).real
     noise = 0.5 + 0.17 * noise / noise.std()
-    return np.stack([*(slope / slope.std() for slope in slopes), np.clip(noise, 0.0, 1.0)], axis=-1).astype(float32)
+    slopes = [(4.0 + slope / slope.std()) / 8.0 for slope in slopes]
+    return np.clip(np.rint(255.0 * np.stack([*slopes, noise, noise], axis=-1)), 0, 255).astype(uint8)

@@ -6,7 +6,7 @@ A run sends `Commission`s to a studio in another process, so that drawing has a 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,13 +59,13 @@ class Commission:
 
 
 class Studio:
-    """Takes images with the cameras of one vessel. models: by name, for the renderer."""
+    """Takes images with the cameras of one vessel. models: by name, for the renderer. still: those that never move."""
 
-    def __init__(self, cameras: Sequence[CameraSpec], models: Mapping[str, Model]) -> None:
+    def __init__(self, cameras: Sequence[CameraSpec], models: Mapping[str, Model], still: Collection[str] = ()) -> None:
         self._cameras = {camera.name: camera for camera in cameras}
         self._lenses = {camera.name: lens_of(camera) for camera in cameras}
         self._models = dict(models)
-        self._renderer = Renderer(models)
+        self._renderer = Renderer(models, still, samples=1)
 
     @property
     def device(self) -> str:
@@ -85,22 +85,24 @@ class Studio:
         """Return an image."""
         camera, lens = self._cameras[wanted.camera], self._lenses[wanted.camera]
         view = wanted.middle.view
-        measured = objects = instances = None
-        if camera.truth or camera.kind != "colour":
-            measured = self._renderer.measure(view, lens, wanted.middle.world)
+        objects = instances = numbers = None
         pixels: NDArray[Any]
         if camera.kind == "colour":
             pixels = self._renderer.colour(wanted.shots, lens, wanted.response)
+            if camera.truth and lens.is_ideal and len(wanted.shots) == 1:
+                numbers = self._renderer.numbers(lens)
+            elif camera.truth:
+                numbers = self._renderer.measure(view, lens, wanted.middle.world)[..., 0]
         else:
-            assert measured is not None
-            pixels = self._value(camera.kind, measured, wanted)
-        if camera.truth and measured is not None:
+            measured = self._renderer.measure(view, lens, wanted.middle.world)
+            pixels, numbers = self._value(camera.kind, measured, wanted), measured[..., 0]
+        if camera.truth and numbers is not None:
             known = [
                 (first + number, model, seen)
                 for model, first in wanted.objects
                 for number, seen in enumerate(self._models[model].objects)
             ]
-            objects, instances = seen_objects(measured, known, wanted.middle)
+            objects, instances = seen_objects(numbers, known, wanted.middle)
         return CameraImage(
             camera=camera.name,
             kind=camera.kind,
@@ -137,23 +139,23 @@ def lens_of(camera: CameraSpec) -> Lens:
 
 
 def seen_objects(
-    measured: NDArray[float32], known: Sequence[tuple[int, str, WorldObject]], shot: Shot
+    picture: NDArray[float32], known: Sequence[tuple[int, str, WorldObject]], shot: Shot
 ) -> tuple[tuple[SeenObject, ...], NDArray[uint16]]:
     """Return the visible objects, and (H, W) 1 + index in them of each pixel, 0 for water and sky.
 
-    measured: (H, W, 3) of the renderer. known: number, model and object.
+    picture: (H, W) numbers of the renderer. known: number, model and object.
     """
-    numbers = measured[..., 0].astype(np.int64)
+    numbers = picture.astype(np.int64)
     place = np.flatnonzero(numbers.ravel() < SEA_ID)
     found, index, counts = np.unique(numbers.ravel()[place], return_inverse=True, return_counts=True)
-    row, column = np.divmod(place, measured.shape[1])
+    row, column = np.divmod(place, picture.shape[1])
     low, high = np.full((len(found), 2), 1 << 30), np.full((len(found), 2), -1)
     for axis, values in enumerate((column, row)):
         np.minimum.at(low[:, axis], index, values)
         np.maximum.at(high[:, axis], index, values)
     placed = {one.model: one for one in shot.world.placed}
     of_number = {number: (model, seen) for number, model, seen in known}
-    instances = np.zeros(measured.shape[:2], uint16)
+    instances = np.zeros(picture.shape, uint16)
     instances.ravel()[place] = index + 1
     result = []
     for number, count, first, last in zip(found.tolist(), counts.tolist(), low.tolist(), high.tolist(), strict=True):

@@ -3,7 +3,10 @@ uniform sampler2D ripples;    // the third value is noise
 uniform mat4 to_shadow;
 in vec3 position, normal, in_model, normal_in_model;
 in vec4 colour;
-out vec4 radiance;
+uniform bool mirrored;         // drawn for reflections
+flat in float id;
+layout(location = 0) out vec4 value;
+layout(location = 1) out float number;
 
 float lit(vec3 at) {
     vec4 place = to_shadow * vec4(at, 1.0);
@@ -19,13 +22,17 @@ void main() {
     vec3 side = abs(normal_in_model);
     vec2 on = side.z > max(side.x, side.y) ? in_model.xy : (side.x > side.y ? in_model.yz : in_model.xz);
     float fade = clamp(30.0 / distance_m, 0.0, 1.0);
-    float pattern = (texture(ripples, on * 0.31).b + 0.6 * texture(ripples, on.yx * 0.067).b - 0.8) * mix(0.45, 1.0, fade);
-    vec3 reflectance = colour.rgb * (1.0 + colour.w * pattern);
+    float pattern = 1.6 * (texture(ripples, on * 0.16).b - 0.5) * mix(0.45, 1.0, fade);
+    vec3 reflectance = colour.rgb * (1.0 + max(colour.w, 0.0) * pattern);
     float facing = max(dot(n, sun.xyz), 0.0);
     float bright = facing > 0.0 ? lit(position + 0.04 * n) : 0.0;
     vec3 around = mix(ground_light.rgb, sky_light.rgb, 0.5 - 0.5 * n.z);
     vec3 light = around + sun_light.rgb * facing * bright;
     vec3 half_way = normalize(sun.xyz - view);
     float gloss = (1.0 - colour.w) * 0.25 * pow(max(dot(n, half_way), 0.0), 60.0) * bright;
-    radiance = vec4(through_air(reflectance * light + gloss * sun_light.rgb, distance_m), 1.0);
+    // A light is on while the sun is down.
+    vec3 shining = colour.w < 0.0 ? colour.rgb * (1.0 - smoothstep(-0.02, 0.02, -sun.z)) : vec3(0.0);
+    vec3 radiance = through_air(reflectance * light + gloss * sun_light.rgb + shining, distance_m);
+    value = vec4(mirrored ? packed_light(radiance) : image_value(radiance), 1.0);
+    number = id;
 }

@@ -3,7 +3,8 @@ uniform vec4 zenith;     // w: share of the sky with clouds
 uniform vec4 glow;       // colour of the light around the sun; w: brightness of the stars
 uniform vec3 cloud_light;
 in vec2 place;
-out vec4 radiance;
+layout(location = 0) out vec4 radiance;
+layout(location = 1) out vec4 value;
 
 float hash(vec2 place) {
     vec3 p = fract(vec3(place.xyx) * 0.1031);
@@ -44,5 +45,7 @@ void main() {
         vec3 cloud = cloud_light * (1.05 - 0.45 * smoothstep(0.35, 0.95, dense)) + glow.rgb * 0.5 * pow(toward, 8.0);
         colour = mix(colour, mix(cloud, horizon.rgb, exp(-7.0 * up)), cover);
     }
-    radiance = vec4(colour, 1.0);
+    radiance = vec4(packed_light(colour), 1.0);
+    float air = 1.0 - exp(-sky_light.w * 1000.0 / max(up, 0.05)); // fog is a layer
+    value = vec4(image_value(mix(colour, horizon.rgb, air)), 1.0);
 }
