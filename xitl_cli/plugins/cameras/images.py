@@ -74,7 +74,7 @@ class CameraImage:
     """Simulation time of the middle of the exposure."""
     pixels: NDArray[uint8] | NDArray[uint16] | NDArray[float32]
     """colour: (H, W, 3) uint8, sRGB; depth: (H, W) float32 in metres along the axis, inf for the sky; segmentation:
-    (H, W) uint8, `ObjectClass`; thermal: (H, W) uint16 in 0.01 K."""
+    (H, W) uint8, `ObjectClass`; thermal: (H, W) uint16 in 0.01 K. Empty in a run where nobody wants them decoded."""
     lens: Lens
     pos_ned_m: Array
     """Position of the camera, (3,)."""
@@ -144,8 +144,3 @@ def annotations_topic(camera: str) -> Topic:
     """Return the topic of the boxes that Foxglove draws over a camera's images."""
     return Topic(f"/cameras/{camera}/annotations", "foxglove.ImageAnnotations", "each image", "boxes")
 
-
-def boxed(mask: NDArray[np.bool_]) -> tuple[float, float, float, float]:
-    """Return left, top, right and bottom edge of the true pixels of a mask (H, W), of which there is at least one."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return float(columns[0]) - 0.5, float(rows[0]) - 0.5, float(columns[-1]) + 0.5, float(rows[-1]) + 0.5

@@ -385,7 +385,7 @@ class CameraNode(RunNode):
             self._hand_over(camera)
 
     def _hand_over(self, camera: Mounted) -> None:
-        image = self._studio.collect()
+        image = self._studio.collect(decode=bool(self._listeners))
         if image is None:
             camera.counts.skipped += 1
             return

@@ -22,6 +22,7 @@ from xitl_cli.run.core.side_process import SideProcess
 PATIENCE_S = 60.0
 """For the first image, which compiles the programs of the graphics card."""
 END_S = 5.0
+NO_PIXELS = np.empty((0, 0), np.uint8)
 
 
 @dataclass(slots=True)
@@ -54,7 +55,7 @@ class RemoteStudio:
         self._cameras = {camera.name: camera for camera in cameras}
         self._on_problem = on_problem
         self._process = SideProcess("xitl_cli.plugins.cameras.process", self._lose, END_S)
-        self._taken: deque[CameraImage | None] = deque()
+        self._taken: deque[dict[str, Any]] = deque()
         self._submitted: deque[Commission] = deque()
         self.figures = StudioFigures()
 
@@ -87,12 +88,15 @@ class RemoteStudio:
             self._keep(self._process.receive())
         return bool(self._taken) or self._process.gone
 
-    def collect(self) -> CameraImage | None:
-        """Wait for the next image and return it; None when the process has ended."""
+    def collect(self, decode: bool) -> CameraImage | None:
+        """Wait for the next image and return it; None when the process has ended.
+
+        decode: also the pixels of JPEG and PNG; otherwise the image has none.
+        """
         while not self._taken and not self._process.gone:
             self._keep(self._process.receive(PATIENCE_S))
-        self._submitted.popleft()
-        return self._taken.popleft() if self._taken else None
+        commission = self._submitted.popleft()
+        return self._image(self._taken.popleft(), commission, decode) if self._taken else None
 
     def close(self) -> None:
         """End the process."""
@@ -108,16 +112,16 @@ class RemoteStudio:
     def _keep(self, messages: Sequence[dict[str, Any]]) -> None:
         for message in messages:
             self.figures.processor_ms_per_image = message["processor_ms"]
-            self._taken.append(self._image(message["image"], self._submitted[len(self._taken)]))
+            self._taken.append(message["image"])
 
-    def _image(self, sent: dict[str, Any], commission: Commission) -> CameraImage:
+    def _image(self, sent: dict[str, Any], commission: Commission, decode: bool) -> CameraImage:
         camera, view = self._cameras[commission.camera], commission.middle.view
         data = base64.b64decode(sent["data"])
         lens = lens_of(camera)
         if camera.kind == "depth":
             pixels = np.frombuffer(data, "<f4").reshape(lens.height_px, lens.width_px)
         else:
-            pixels = _decoded(data)
+            pixels = _decoded(data) if decode else NO_PIXELS
         horizon = sent["horizon"]
         return CameraImage(
             camera=camera.name,

@@ -37,7 +37,7 @@ FOAM_PX, FOAM_M = 256, 128.0
 RIPPLE_PX, RIPPLE_M = 512, 6.5
 SKY_PX = (512, 512)
 GRAIN_PX = 512
-RINGS = 110
+RINGS, NEAR_SEA_M = 150, 1500.0
 CELL_M = 25.0
 """Of the grid in which models are searched for what is in sight."""
 GRAINS_M, GRAIN_OF_PX = (0.25, 0.6, 1.5), 1.0
@@ -380,6 +380,10 @@ class Renderer:
 
     def add(self, name: str, model: Model) -> None:
         """Add a model, or replace it."""
+        with self._context:
+            self._load(name, model)
+
+    def _load(self, name: str, model: Model) -> None:
         cells = Cells.of(model.vertices)
         buffer = self._context.buffer(cells.vertices.tobytes() or bytes(VERTEX.itemsize))
         indices = self._context.buffer(cells.indices.tobytes() or bytes(4))
@@ -394,12 +398,17 @@ class Renderer:
 
     def close(self) -> None:
         """Release the context."""
+        self._context.__enter__()  # releasing needs it, and no context is left afterwards
         self._context.release()
 
     # Pictures
 
     def colour(self, shots: Sequence[Shot], lens: Lens, response: Response) -> NDArray[uint8]:
         """Return an image, (H, W, 3), sRGB: the mean of the shots of each row."""
+        with self._context:  # several renderers may exist
+            return self._image(shots, lens, response)
+
+    def _image(self, shots: Sequence[Shot], lens: Lens, response: Response) -> NDArray[uint8]:
         target = self._target(lens)
         target.image.clear()
         for rows, group in groupby(shots, lambda shot: shot.rows):
@@ -454,11 +463,16 @@ class Renderer:
 
     def numbers(self, lens: Lens) -> NDArray[float32]:
         """Return the numbers of the objects in the latest image of an ideal lens, of one shot, (H, W)."""
-        raw = np.frombuffer(self._target(lens).numbers.read(), float32)
+        with self._context:
+            raw = np.frombuffer(self._target(lens).numbers.read(), float32)
         return raw.reshape(lens.height_px, lens.width_px)
 
     def measure(self, view: View, lens: Lens, world: Surroundings) -> NDArray[float32]:
         """Return number of the object, metres along the optical axis and °C of each pixel, (H, W, 3)."""
+        with self._context:
+            return self._measured(view, lens, world)
+
+    def _measured(self, view: View, lens: Lens, world: Surroundings) -> NDArray[float32]:
         context, target = self._context, self._target(lens)
         self._set_light(world, 1.0)
         self._set_sea(view, world)
@@ -755,7 +769,8 @@ def fan(rot_ned_face: Array, tangent: tuple[float, float], height_m: float) -> t
         first, last = middle + offsets.min() - 0.05, middle + offsets.max() + 0.05
     sectors = max(int(math.ceil((last - first) / math.radians(1.0))), 8)
     bearing = np.linspace(first, last, sectors + 1)
-    radius = np.concatenate([[0.0], np.geomspace(max(0.15 * height_m, 0.05), FAR_M * 0.9, RINGS)])
+    near_m = np.geomspace(max(0.15 * height_m, 0.05), NEAR_SEA_M, RINGS)
+    radius = np.concatenate([[0.0], near_m, [3_000.0, 0.9 * FAR_M]])
     gap = np.diff(radius, append=radius[-1] * 1.1)
     vertices = np.empty((len(radius), len(bearing), 4), float32)
     vertices[..., 0], vertices[..., 1] = np.cos(bearing), np.sin(bearing)

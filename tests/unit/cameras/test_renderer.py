@@ -1,0 +1,266 @@
+"""Pictures against OpenCV, the lidar's ray caster, and the waves of the simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.random import default_rng
+
+from sim_core import frames
+from sim_core.environment.environment import Environment
+from sim_core.environment.waves import FlatWater
+from sim_core.sensors.camera_spec import LensSpec
+from sim_core.sensors.lens import Lens
+from sim_core.world.geometry import CONCRETE, STEEL, Mesh, box, moved, sphere
+from xitl_cli.plugins.cameras.daylight import daylight, visible_extinction_per_m
+from xitl_cli.plugins.cameras.gimbal import ROT_FRD_OPTICAL
+from xitl_cli.plugins.cameras.images import ObjectClass
+from xitl_cli.plugins.cameras.models import VERTEX, Model, WorldObject, triangles, world_model
+from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, Placed, Renderer, Response, Shot, Surroundings, View
+from xitl_cli.profile import load_profile
+from xitl_cli.scenery import Scenery
+
+LENS = Lens.from_spec(LensSpec(view_deg=75), 640, 480)
+NOISELESS = Response()
+
+
+def view(north_m: float, east_m: float, down_m: float, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> View:
+    quat = frames.euler_to_quat(np.radians([0.0, pitch_deg, yaw_deg]))
+    return View(np.array([north_m, east_m, down_m]), frames.quat_to_matrix(quat) @ ROT_FRD_OPTICAL)
+
+
+def surroundings(*placed: Placed, waves: object = FlatWater(), time_s: float = 0.0, **changes: object) -> Surroundings:
+    sun = np.array([0.6, 0.5, -0.62])
+    world = Surroundings(
+        time_s=time_s,
+        waves=waves,
+        water_down_m=0.0,
+        wind_ne_mps=np.array([3.0, 1.0]),
+        light=daylight(sun / np.linalg.norm(sun), 0.2),
+        extinction_per_m=visible_extinction_per_m(None),
+        water_colour=np.array([0.02, 0.04, 0.05]),
+        placed=placed,
+    )
+    return replace(world, **changes)
+
+
+def model(*meshes: Mesh, colour: tuple[float, float, float] = (0.8, 0.2, 0.1)) -> Model:
+    vertices = [triangles(mesh, colour, ObjectClass.OTHER, number) for number, mesh in enumerate(meshes)]
+    objects = [WorldObject(f"object {number}", ObjectClass.OTHER, (0, 0, 0), (1, 1, 1)) for number in range(len(meshes))]
+    return Model(np.concatenate(vertices), tuple(objects))
+
+
+def at_origin(name: str) -> Placed:
+    return Placed(name, np.zeros(3), np.eye(3), 1)
+
+
+@pytest.fixture(scope="module")
+def river() -> Iterator[tuple[Scenery, Model, Renderer]]:
+    scenery = Scenery(load_profile("sitl-perception"))
+    world = world_model(scenery)
+    renderer = Renderer({"world": world}, ("world",), samples=1)
+    yield scenery, world, renderer
+    renderer.close()
+
+
+def drawn(one: Model, where: View, lens: Lens, response: Response = NOISELESS, samples: int = 4) -> np.ndarray:
+    renderer = Renderer({"one": one}, samples=samples)
+    world = surroundings(at_origin("one"))
+    try:
+        return renderer.colour([Shot(where, world)], lens, replace(response, exposure=world.light.exposure))
+    finally:
+        renderer.close()
+
+
+def test_distances_are_those_of_the_lidars_ray_caster(river: tuple[Scenery, Model, Renderer]) -> None:
+    scenery, world, renderer = river
+    where = view(8.0, 14.0, -1.6, yaw_deg=70.0, pitch_deg=-2.0)
+    still = replace(surroundings(Placed("world", np.zeros(3), np.eye(3), 1)), water_down_m=scenery.water_down_m)
+    measured = renderer.measure(where, LENS, still)
+    number = measured[..., 0].astype(int)
+    # Pixels inside of an object, not at its edge, that are not of the ground, which is drawn with larger triangles
+    inside = (number < SEA_ID) & (number == cv2.erode(number.astype(np.float32), np.ones((3, 3))).astype(int))
+    inside &= number == cv2.dilate(number.astype(np.float32), np.ones((3, 3))).astype(int)
+    kinds = np.array([ObjectClass.GROUND, *(one.kind for one in world.objects)])
+    inside &= kinds[np.where(number < SEA_ID, number, 0)] != ObjectClass.GROUND
+    rows, columns = np.nonzero(inside)
+    some = default_rng(3).choice(len(rows), 3000, replace=False)
+    directions = LENS.directions(np.column_stack([columns, rows])[some].astype(float))
+    ned = directions @ where.rot_ned_optical.T
+    hits = scenery.caster().cast(np.tile(where.pos_ned_m, (len(ned), 1)).astype(np.float32), ned.astype(np.float32))
+    theirs = hits.range_m * directions[:, 2]
+    near = theirs < 60.0
+    off = np.abs(measured[rows[some], columns[some], 1] - theirs)[near]
+    assert near.sum() > 500
+    assert np.median(off) < 0.002
+    # A ray through the middle of a pixel may pass an inner edge of a rough object, such as a gap between two rocks.
+    assert np.mean(off < 0.02) > 0.985
+
+
+def test_the_water_is_the_surface_of_the_simulation(river: tuple[Scenery, Model, Renderer]) -> None:
+    scenery, _, renderer = river
+    profile = load_profile("sitl", ["environment.waves.significant_height_m=0.5", "environment.waves.peak_period_s=3"])
+    waves = Environment.from_spec(profile.environment, default_rng(2)).waves
+    where, time_s = view(5.0, -40.0, -2.0, yaw_deg=-60.0, pitch_deg=-25.0), 12.3
+    measured = renderer.measure(where, LENS, surroundings(waves=waves, time_s=time_s))
+    water = measured[..., 0] == SEA_ID
+    directions = LENS.all_directions()[water]
+    points = directions / directions[:, 2:] * measured[water, 1:2]
+    places = points @ where.rot_ned_optical.T + where.pos_ned_m
+    near = np.linalg.norm(places[:, :2] - where.pos_ned_m[:2], axis=1) < 15.0
+    up_m = -places[near, 2]
+    assert near.sum() > 50_000
+    assert up_m.std() > 0.05
+    exact_m = waves.elevation_m(time_s, places[near, :2])
+    off_m = np.abs(up_m - exact_m)
+    assert np.sqrt(np.mean(off_m**2)) < 0.005
+    assert np.percentile(off_m, 99) < 0.02
+    assert off_m.max() < 0.08  # just behind a crest
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        LensSpec(view_deg=70),
+        LensSpec(view_deg=80, distortion=(-0.25, 0.06, 0.001, -0.0008)),
+        LensSpec(model="fisheye", view_deg=190, distortion=(0.02, -0.01)),
+    ],
+    ids=["pinhole", "distorted", "fisheye"],
+)
+def test_an_object_is_where_its_lens_projects_it(spec: LensSpec) -> None:
+    lens = Lens.from_spec(spec, 640, 480)
+    where = view(0.0, 0.0, -40.0)
+    centres = np.array([[20.0, 0.0, -40.0], [20.0, 7.0, -44.0], [15.0, -9.0, -36.0], [9.0, 4.5, -41.0]])
+    balls = model(*(moved(sphere(0.35, STEEL, 32, 24), centre) for centre in centres))
+    renderer = Renderer({"balls": balls}, samples=1)
+    measured = renderer.measure(where, lens, surroundings(at_origin("balls")))
+    renderer.close()
+    for number, centre in enumerate(centres):
+        rows, columns = np.nonzero(measured[..., 0] == 1 + number)
+        seen = lens.project((centre - where.pos_ned_m) @ where.rot_ned_optical)
+        assert len(rows) > 20
+        # The middle of the picture of a ball is off its centre by its size squared; of pixels by a tenth.
+        np.testing.assert_allclose([columns.mean(), rows.mean()], seen, atol=0.35)
+
+
+def board(squares_m: float) -> tuple[Model, np.ndarray, int]:
+    """A marker of ArUco of six by six squares with a white rim, upright across the north, and its corners."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    picture = np.pad(cv2.aruco.generateImageMarker(dictionary, 7, 6), 1, constant_values=255)
+    parts = []
+    for row, column in np.ndindex(picture.shape):
+        centre = (0.0, (column - 3.5) * squares_m, (row - 3.5) * squares_m)
+        colour = (0.95, 0.95, 0.95) if picture[row, column] else (0.02, 0.02, 0.02)
+        square = moved(box((0.01, squares_m, squares_m), CONCRETE), centre)
+        parts.append(triangles(square, colour, ObjectClass.OTHER, 0, 0.0))
+    half = 3.0 * squares_m
+    corners = np.array([[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]])
+    return Model(np.concatenate(parts), (WorldObject("board", ObjectClass.OTHER, (0, 0, 0), (1, 1, 1)),)), corners, 7
+
+
+def test_opencv_finds_the_true_pose_of_a_marker() -> None:
+    marker, corners, number = board(0.25)
+    renderer = Renderer({"board": marker}, samples=4)
+    turn_deg, place = 24.0, np.array([9.0, 1.2, -3.0])
+    rotation = frames.quat_to_matrix(frames.euler_to_quat(np.radians([0.0, 0.0, turn_deg])))
+    world = surroundings(Placed("board", place, rotation, 1))
+    where = view(0.0, 0.0, -2.5)
+    image = renderer.colour([Shot(where, world)], LENS, Response(exposure=world.light.exposure))
+    renderer.close()
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    found, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    assert numbers is not None
+    assert numbers.ravel().tolist() == [number]
+    precise = cv2.cornerSubPix(
+        cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), found[0][0], (4, 4), (-1, -1), (3, 50, 1e-4)
+    )
+    _, turn, offset = cv2.solvePnP(corners, precise, LENS.matrix, np.zeros(5), flags=cv2.SOLVEPNP_ITERATIVE)
+    exact = (place - where.pos_ned_m - rotation @ [0.005, 0.0, 0.0]) @ where.rot_ned_optical
+    assert np.linalg.norm(offset.ravel() - exact) < 0.01 * np.linalg.norm(exact)
+    # Axes of the board in the image: its x is east, its y down, in NED.
+    normal = cv2.Rodrigues(turn)[0] @ [0.0, 0.0, 1.0]
+    true_normal = where.rot_ned_optical.T @ rotation @ [1.0, 0.0, 0.0]
+    assert np.degrees(np.arccos(normal @ true_normal)) < 1.5
+
+
+def test_the_same_picture_is_drawn_again(river: tuple[Scenery, Model, Renderer]) -> None:
+    _, world, renderer = river
+    where, around = view(3.0, 2.0, -1.5, 40.0), surroundings(Placed("world", np.zeros(3), np.eye(3), 1))
+    response = Response(around.light.exposure, 0.3, 0.01, 0.01, (11, 301))
+    first = renderer.colour([Shot(where, around)], LENS, response).copy()
+    renderer.colour([Shot(view(-30.0, 2.0, -1.5, 140.0), around)], LENS, response)
+    again = renderer.colour([Shot(where, around)], LENS, response)
+    np.testing.assert_array_equal(first, again)
+    other = Renderer({"world": world}, ("world",), samples=1)
+    np.testing.assert_array_equal(first, other.colour([Shot(where, around)], LENS, response))
+    other.close()
+
+
+def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
+    pole = model(moved(box((0.3, 0.3, 30.0), STEEL), (20.0, 0.0, -10.0)), colour=(0.05, 0.05, 0.05))
+    renderer = Renderer({"pole": pole}, samples=1)
+    world = surroundings(at_origin("pole"))
+    response = Response(exposure=world.light.exposure)
+    step_deg = 0.9  # of yaw from each band of rows to the next
+    bands = [
+        Shot(view(0, 0, -10.0, yaw_deg=step_deg * number), world, (60 * number, 60 * number + 60)) for number in range(8)
+    ]
+    image = renderer.colour(bands, LENS, response)[..., 1].astype(int)
+    darkest = [int(np.argmin(image[60 * number + 30])) for number in range(8)]
+    expected = [LENS.centre_px[0] - LENS.focal_px * math.tan(math.radians(step_deg * number)) for number in range(8)]
+    np.testing.assert_allclose(darkest, expected, atol=4.5)  # the pole is six pixels wide
+    sharp = renderer.colour([Shot(view(0, 0, -10.0), world)], LENS, response)[100, :, 1].astype(int)
+    shots = [Shot(view(0, 0, -10.0, yaw_deg=0.2 * number), world, None, 0.2) for number in range(-2, 3)]
+    blurred = renderer.colour(shots, LENS, response)[100, :, 1].astype(int)
+    renderer.close()
+    level = int(np.median(sharp))
+    assert (level - blurred > 8).sum() > (level - sharp > 8).sum()
+    assert blurred.min() > sharp.min() + 8
+
+
+def test_fog_hides_what_is_beyond_the_visibility() -> None:
+    wall = model(moved(box((1.0, 20.0, 20.0), CONCRETE), (60.0, 0.0, -10.0)), colour=(0.02, 0.02, 0.02))
+    renderer = Renderer({"wall": wall}, samples=1)
+
+    def contrast(visibility_m: float) -> float:
+        world = surroundings(at_origin("wall"), extinction_per_m=visible_extinction_per_m(visibility_m))
+        image = renderer.colour([Shot(view(0, 0, -8.0), world)], LENS, Response(exposure=world.light.exposure))
+        rows = image[200:230].astype(float) / 255.0
+        light = np.where(rows > 0.04045, ((rows + 0.055) / 1.055) ** 2.4, rows / 12.92)[..., 1]
+        return float(1.0 - light[:, 310:330].mean() / light[:, 2:20].mean())
+
+    clear, misty, thick = contrast(5000.0), contrast(120.0), contrast(40.0)
+    renderer.close()
+    assert clear > 0.6
+    # Koschmieder: a black object has 2 % of its contrast at the visibility, exp(-3.912 d / V) at a distance d.
+    assert misty / clear == pytest.approx(math.exp(-3.912 * 59.5 / 120.0), abs=0.06)
+    assert thick < 0.02
+
+
+def test_noise_has_the_deviation_of_its_keys() -> None:
+    away = view(0.0, 0.0, -50.0, pitch_deg=60.0)
+    none = model(moved(box((1.0, 1.0, 1.0), STEEL), (-500.0, 0.0, 0.0)))
+    calm = drawn(none, away, LENS).astype(float)
+    noisy = drawn(none, away, LENS, Response(read_noise=0.02, shot_noise=0.03, grain_at=(5, 9))).astype(float)
+    middling = (calm > 80) & (calm < 180)
+    expected = np.sqrt(0.02**2 + 0.03**2 * calm[middling] / 255.0)
+    measured = (noisy - calm)[middling] / 255.0 / expected
+    assert measured.std() == pytest.approx(1.0, abs=0.03)
+    assert measured.mean() == pytest.approx(0.0, abs=0.02)
+
+
+def test_sky_and_water_meet_at_the_horizon() -> None:
+    none = model(moved(box((1.0, 1.0, 1.0), STEEL), (-500.0, 0.0, 0.0)))
+    renderer = Renderer({"one": none}, samples=1)
+    measured = renderer.measure(view(0.0, 0.0, -3.0, pitch_deg=-4.0), LENS, surroundings(at_origin("one")))
+    renderer.close()
+    numbers = measured[:, 320, 0]
+    horizon = LENS.centre_px[1] - LENS.focal_px * math.tan(math.radians(4.0))
+    assert set(np.unique(numbers)) == {SEA_ID, SKY_ID}
+    assert int((numbers == SKY_ID).sum()) == pytest.approx(horizon, abs=1.5)
+    assert VERTEX.itemsize == 48
