@@ -1,8 +1,7 @@
-"""Colours for images without colour: depth, classes and temperature, as recorded on the topics of cameras."""
+"""Colours for images without colour: depth and temperature, as recorded on the topics of cameras."""
 
 from __future__ import annotations
 
-import colorsys
 from io import BytesIO
 
 import numpy as np
@@ -19,24 +18,6 @@ LEAST_SPAN = 500
 """Smallest span of the scale of temperature, in 0.01 K. An image without contrast therefore shows no noise."""
 _KEYS = np.array([[0, 0, 4], [66, 10, 104], [147, 38, 103], [221, 81, 58], [252, 165, 10], [252, 255, 164]])
 """Six points of a scale from black over red to yellow, whose brightness increases evenly."""
-_CLASSES = (
-    *((135, 206, 235), (28, 91, 160), (168, 130, 84), (46, 125, 50), (120, 120, 120), (189, 189, 189)),
-    *((255, 193, 7), (121, 85, 72), (229, 57, 53), (141, 83, 28), (255, 112, 0), (156, 39, 176), (40, 40, 40)),
-)
-"""By value of a pixel: sky, water, ground, vegetation, rock, dam, boom, building, vessel, debris, buoy, other, own
-vessel."""
-
-
-def class_palette() -> Picture:
-    """Return the colour of each class, (256, 3). Values without a class have different colours too."""
-    further = [colorsys.hsv_to_rgb(0.618034 * value % 1.0, 0.6, 0.9) for value in range(len(_CLASSES), 256)]
-    return np.array([*_CLASSES, *np.rint(255.0 * np.array(further))], dtype=np.uint8)
-
-
-def coloured_classes(classes: NDArray[np.uint8]) -> Picture:
-    """Return the picture of a segmentation image (H, W)."""
-    picture: Picture = class_palette()[classes]
-    return picture
 
 
 def coloured_depth(depth_m: NDArray[np.float32]) -> Picture:
@@ -56,13 +37,11 @@ def coloured_temperature(temperature: NDArray[np.uint16]) -> Picture:
 def picture_of_file(data: bytes) -> Picture:
     """Return the picture in a JPEG or PNG of a recorded image. Raises OSError for a damaged file.
 
-    PNG of 8 bits has classes, PNG of 16 bits has temperatures.
+    A PNG of 16 bits has temperatures. The PNG of a segmentation image has a palette.
     """
     from PIL import Image
 
     with Image.open(BytesIO(data)) as image:
-        if image.mode == "L" and image.format == "PNG":
-            return coloured_classes(np.asarray(image))
         if image.mode.startswith("I"):
             return coloured_temperature(np.asarray(image).astype(np.uint16))
         return np.asarray(image.convert("RGB"))

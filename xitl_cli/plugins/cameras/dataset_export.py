@@ -28,6 +28,8 @@ IMAGES, ANNOTATIONS, DATA_FILE = "images", "annotations.json", "data.yaml"
 VALIDATED_SHARE = 0.2
 """Share of the images of a camera, the last ones, that YOLO validates with. Neighbouring images are too similar for a
 random share."""
+LEFT_OUT = (ObjectClass.GROUND, ObjectClass.OWN_VESSEL)
+"""Their boxes are no objects to detect: the ground fills much of an image, and the own vessel is always in it."""
 _TOPIC = re.compile(r"(?P<vessel>/[^/]+)?/cameras/(?P<camera>[a-z][a-z0-9_]*)/image")
 
 
@@ -147,7 +149,7 @@ def _read_objects(log: Log, camera: CameraTopic) -> None:
     for name, number, label, of, left, top, right, bottom, pixels in zip(
         *(table[column].tolist() for column in columns), strict=True
     ):
-        if name == camera.camera:
+        if name == camera.camera and kinds.get(label) not in LEFT_OUT:
             corner_px, size_px = (left + 0.5, top + 0.5), (right - left, bottom - top)
             boxed = BoxedObject(kinds.get(label, ObjectClass.OTHER), of, corner_px, size_px, int(pixels))
             camera.objects.setdefault(int(number), []).append(boxed)

@@ -1,4 +1,6 @@
-"""HTTP server with the newest image of each camera: `/NAME.mjpeg` is a stream, `/NAME.jpg` is one image.
+"""Server of the newest image of each camera. By HTTP, `/NAME.mjpeg` is a stream and `/NAME.jpg` is one image.
+
+The same port speaks RTSP: `rtsp://ADDRESS:PORT/NAME`, for ground stations.
 
 The server runs in a separate thread and keeps only the newest image. A slow client therefore skips images, and the run
 never waits. Programs on the machines that reach the address may read; pages of other sites may not.
@@ -11,9 +13,8 @@ import contextlib
 import html
 import socket
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from io import BytesIO
+from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -28,96 +29,20 @@ from xitl_cli.http_access import (
     parse_request,
     stranger,
 )
+from xitl_cli.plugins.cameras.image_feed import NewestImage, StreamCounts, write_all
 from xitl_cli.plugins.cameras.images import CameraImage
-from xitl_cli.record.image_colours import Picture, coloured_classes, coloured_depth, coloured_temperature
+from xitl_cli.plugins.cameras.rtsp import RtspSession, is_rtsp
 
 USUAL_PORT = 8600
 MOST_CLIENTS = 32
 """Above this number of connections, a new one is refused. Each connection uses a file descriptor of the run."""
-STUCK_S = 10.0
-"""A client that reads nothing for this time is dropped."""
 SEND_BYTES = 1 << 18
 """Buffer of the system for each client. A larger one would delay the images of a slow client."""
 MOST_PICTURES = 5
 """Streams in the index page. A browser opens six connections to a server."""
-CHUNK_BYTES = 1 << 16
 BOUNDARY = "xitl-image"
 _WAIT_S = 5.0
 """Longest time that a request for one image waits for the first one."""
-
-
-_COLOURED: Mapping[str, Callable[[Any], Picture]] = {
-    "colour": lambda pixels: pixels,
-    "depth": coloured_depth,
-    "segmentation": coloured_classes,
-    "thermal": coloured_temperature,
-}
-
-
-@dataclass(slots=True)
-class StreamCounts:
-    """Counts of the server since its start."""
-
-    clients: int = 0
-    """Connections with a valid request."""
-    images_sent: int = 0
-    images_skipped: int = 0
-    """Images that a stream's client was too slow to receive, over all clients."""
-    refused: int = 0
-    """Requests of pages of other sites, invalid ones, and connections above `MOST_CLIENTS`."""
-    stuck: int = 0
-    """Clients that read nothing for too long."""
-
-
-def picture(image: CameraImage) -> Picture:
-    """Return an image in colours for people, (H, W, 3)."""
-    return _COLOURED[image.kind](image.pixels)
-
-
-def jpeg(image: CameraImage, quality: int) -> bytes:
-    """Return an image as JPEG, in colours for people. A recorded JPEG stays unchanged."""
-    if image.encoded and image.file_format == "jpeg":
-        return image.encoded
-    from PIL import Image
-
-    file = BytesIO()
-    Image.fromarray(picture(image)).save(file, "JPEG", quality=quality)
-    return file.getvalue()
-
-
-class _Newest:
-    """The newest image of a camera."""
-
-    def __init__(self, spec: CameraSpec) -> None:
-        self.spec = spec
-        self.image: CameraImage | None = None
-        self.shown = 0
-        """Number of images so far."""
-        self._waiting: list[asyncio.Future[None]] = []
-        self._encoded: tuple[int, bytes] = (0, b"")
-
-    def put(self, image: CameraImage) -> None:
-        """Replace the image and wake the waiting clients."""
-        self.image = image
-        self.shown += 1
-        waiting, self._waiting = self._waiting, []
-        for client in waiting:
-            if not client.done():
-                client.set_result(None)
-
-    def following(self) -> asyncio.Future[None]:
-        """Return a future that ends with the next image."""
-        client = asyncio.get_running_loop().create_future()
-        self._waiting.append(client)
-        return client
-
-    def encode(self) -> tuple[int, CameraImage, bytes]:
-        """Return number, image and JPEG of the newest image, which must exist. It is encoded once for all clients."""
-        shown, image = self.shown, self.image
-        assert image is not None
-        if self._encoded[0] != shown:
-            self._encoded = shown, jpeg(image, self.spec.quality)
-        return shown, image, self._encoded[1]
 
 
 class CameraStream:
@@ -129,7 +54,7 @@ class CameraStream:
     def __init__(self, cameras: Mapping[str, CameraSpec], title: str = "xitl") -> None:
         self.counts = StreamCounts()
         self._title = title
-        self._newest = {name: _Newest(spec) for name, spec in cameras.items()}
+        self._newest = {name: NewestImage(spec) for name, spec in cameras.items()}
         self._host = ""
         self.connections = 0
         """Open connections."""
@@ -216,6 +141,10 @@ class CameraStream:
         try:
             async with asyncio.timeout(HEAD_S):
                 head = await reader.readuntil(b"\r\n\r\n")
+            if is_rtsp(head):
+                self.counts.clients += 1
+                await RtspSession(self._host, self._newest, reader, writer, self.counts).serve(head)
+                return
             request = parse_request(head[:-4])
         except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError):
             self.counts.refused += 1
@@ -250,7 +179,7 @@ class CameraStream:
             body = f"there is no {request.path}; use /, {known}\n"
             await _send(writer, "404 Not Found", "text/plain; charset=utf-8", body.encode())
 
-    async def _stream(self, newest: _Newest, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _stream(self, newest: NewestImage, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
         # A browser shows an image when its closing boundary has arrived, so the boundary follows it immediately.
         writer.write(f"{_head('200 OK', kind)}\r\n--{BOUNDARY}\r\n".encode())
@@ -266,7 +195,7 @@ class CameraStream:
                     f"Content-Type: image/jpeg\r\nContent-Length: {len(encoded)}\r\n"
                     f"X-Timestamp: {image.stamp_ns // 1_000_000_000}.{image.stamp_ns % 1_000_000_000:09d}\r\n\r\n"
                 )
-                await _write(writer, part.encode() + encoded + f"\r\n--{BOUNDARY}\r\n".encode())
+                await write_all(writer, part.encode() + encoded + f"\r\n--{BOUNDARY}\r\n".encode())
                 self.counts.images_sent += 1
                 self.counts.images_skipped += number - sent - 1 if sent else 0
                 sent = number
@@ -330,12 +259,4 @@ def _head(status: str, kind: str) -> str:
 
 
 async def _send(writer: asyncio.StreamWriter, status: str, kind: str, body: bytes) -> None:
-    await _write(writer, f"{_head(status, kind)}Content-Length: {len(body)}\r\n\r\n".encode() + body)
-
-
-async def _write(writer: asyncio.StreamWriter, data: bytes) -> None:
-    """Write as fast as the client reads. Raises TimeoutError if it reads nothing."""
-    for begin in range(0, len(data), CHUNK_BYTES):
-        writer.write(data[begin : begin + CHUNK_BYTES])
-        async with asyncio.timeout(STUCK_S):
-            await writer.drain()
+    await write_all(writer, f"{_head(status, kind)}Content-Length: {len(body)}\r\n\r\n".encode() + body)

@@ -8,11 +8,13 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Iterator
+from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sim_core.sensors.camera_spec import CameraSpec
+from xitl_cli.extras import CAMERA
 from xitl_cli.plugins.ros import msg
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
@@ -25,6 +27,7 @@ _MODELS = {"plumb_bob": "plumb_bob", "rational_polynomial": "rational_polynomial
 _PNG_DEPTH = struct.Struct(">BB")
 """Bits of a channel, and colour type, at `_PNG_DEPTH_AT` of a PNG (W3C, Portable Network Graphics, 11.2.2)."""
 _PNG_DEPTH_AT = 24
+_PALETTE = 3
 _PIXELS = {(8, 0): "mono8", (16, 0): "mono16", (8, 2): "rgb8", (8, 6): "rgba8"}
 
 
@@ -64,10 +67,11 @@ def camera_messages(topic: str, payload: bytes, frame: str) -> Iterator[CameraMe
         return
     compressed = foxglove_type("CompressedImage").FromString(payload)
     if compressed.format:
+        data = classes_in_grey(compressed.data)
         file = msg.CompressedImage(
             header=_header(compressed, frame),
-            format=compressed_format(compressed.format, compressed.data),
-            data=np.frombuffer(compressed.data, dtype=np.uint8),
+            format=compressed_format(compressed.format, data),
+            data=np.frombuffer(data, dtype=np.uint8),
         )
         yield CameraMessage(COMPRESSED, file)
         return
@@ -84,13 +88,33 @@ def camera_messages(topic: str, payload: bytes, frame: str) -> Iterator[CameraMe
     yield CameraMessage(IMAGE, image)
 
 
+def classes_in_grey(data: bytes) -> bytes:
+    """Return a PNG with a palette as a grey one, and other files unchanged.
+
+    The colours of a segmentation image are for people. Decoders of ROS would return them instead of the classes.
+    """
+    if data[:1] != b"\x89" or _png_pixels(data)[1] != _PALETTE:
+        return data
+    CAMERA.require("images of segmentation cameras need")
+    from PIL import Image
+
+    with Image.open(BytesIO(data)) as image:
+        grey, file = Image.fromarray(np.asarray(image)), BytesIO()
+    grey.save(file, "PNG", compress_level=1)
+    return file.getvalue()
+
+
+def _png_pixels(data: bytes) -> tuple[int, int]:
+    """Return the bits of a channel and the colour type of a PNG, zeros for a file that is too short."""
+    found = _PNG_DEPTH.unpack_from(data, _PNG_DEPTH_AT) if len(data) >= _PNG_DEPTH_AT + _PNG_DEPTH.size else (0, 0)
+    return int(found[0]), int(found[1])
+
+
 def compressed_format(codec: str, data: bytes) -> str:
     """Return `CompressedImage.format`: pixels before the compression, codec, and the pixels in the file."""
     if codec == "jpeg":
         return "rgb8; jpeg compressed bgr8"
-    pixels = "rgb8"
-    if len(data) >= _PNG_DEPTH_AT + _PNG_DEPTH.size:
-        pixels = _PIXELS.get(_PNG_DEPTH.unpack_from(data, _PNG_DEPTH_AT), "rgb8")
+    pixels = _PIXELS.get(_png_pixels(data), "rgb8")
     return f"{pixels}; {codec} compressed {'bgr8' if pixels == 'rgb8' else ''}"
 
 

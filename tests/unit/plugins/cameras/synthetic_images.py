@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from io import BytesIO
-
 import numpy as np
-from PIL import Image
 
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
+from xitl_cli.plugins.cameras.studio import encoded
 
 BOX_PX = (9.5, 19.5, 49.5, 39.5)
 """Of the vessel: columns 10 to 49 and rows 20 to 39."""
@@ -32,24 +30,20 @@ def make_image(spec: CameraSpec, number: int, noise: int = 0) -> CameraImage:
     """Return an image of a camera; the red channel of a colour image is its number. noise: largest random level."""
     height, width = spec.height_px, spec.width_px
     pixels: np.ndarray
-    encoded = BytesIO()
     if spec.kind == "colour":
         pixels = np.zeros((height, width, 3), np.uint8)
         pixels[..., 0] = number
         if noise:
             pixels = np.random.default_rng(number).integers(0, noise, pixels.shape, np.uint8)
-        Image.fromarray(pixels).save(encoded, "JPEG", quality=spec.quality)
     elif spec.kind == "depth":
         pixels = np.full((height, width), 12.5, np.float32)
         pixels[: height // 2] = np.inf
     elif spec.kind == "segmentation":
         pixels = np.full((height, width), ObjectClass.WATER, np.uint8)
         pixels[20:40, 10:50] = ObjectClass.VESSEL
-        Image.fromarray(pixels).save(encoded, "PNG")
     else:
         pixels = np.full((height, width), 29_315, np.uint16)
         pixels[20:40, 10:50] = 31_315
-        Image.fromarray(pixels).save(encoded, "PNG")
     instances = np.zeros((height, width), np.uint16)
     instances[20:40, 10:50] = 1
     return CameraImage(
@@ -64,5 +58,5 @@ def make_image(spec: CameraSpec, number: int, noise: int = 0) -> CameraImage:
         objects=(VESSEL, BUOY),
         instances=instances,
         horizon_px=(10.0, 12.0),
-        encoded=encoded.getvalue(),
+        encoded=encoded(spec.kind, pixels, spec.quality),
     )

@@ -17,7 +17,9 @@ from synthetic_images import make_image
 from sim_core.sensors.camera_spec import CameraSpec
 from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.errors import UserError
+from xitl_cli.plugins.cameras.images import ObjectClass
 from xitl_cli.plugins.cameras.stream import BOUNDARY, MOST_CLIENTS, CameraStream
+from xitl_cli.plugins.cameras.studio import PALETTE
 
 FRONT = CameraSpec(width_px=96, height_px=64, quality=95)
 DEPTH = CameraSpec(name="depth", kind="depth", width_px=96, height_px=64, quality=95)
@@ -125,8 +127,8 @@ def test_other_kinds_are_coloured(server: tuple[CameraStream, str]) -> None:
     assert depth[:30].max() < 12, "an infinite depth is black"
     assert depth[40:].max(axis=-1).min() > 100
     inside, outside = classes[30, 30].astype(int), classes[50, 80].astype(int)
-    assert np.abs(inside - (229, 57, 53)).max() < 12, "a vessel is red"
-    assert np.abs(outside - (28, 91, 160)).max() < 12, "water is blue"
+    assert np.abs(inside - PALETTE[ObjectClass.VESSEL]).max() < 12
+    assert np.abs(outside - PALETTE[ObjectClass.WATER]).max() < 12
     assert heat[30, 30].sum() > heat[50, 80].sum() + 200, "warm is bright"
 
 
