@@ -33,6 +33,7 @@ from xitl_cli.logs.model.sections import Severity
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.report.build import short_names
 from xitl_cli.logs.signals.moments import moments
+from xitl_cli.plugins.view.camera_images import image_tracks
 from xitl_cli.plugins.view.model import (
     Array,
     BodyInstant,
@@ -145,6 +146,7 @@ class LogScene:
         self._passing_s = [entity.from_s for entity in self._passing]
         self._longest_s = max((entity.lifetime_s for entity in passing), default=0.0)
         self._placed = placed
+        self._images = {vessel.name: dict(image_tracks(vessel.log, vessel.seconds)) for vessel in placed}
         self._others = others
         self._bodies = bodies
         spans = [vessel.track.pose.span_s for vessel in placed]
@@ -173,7 +175,7 @@ class LogScene:
 
     def instant(self, time_s: float, since_s: float | None = None, seen: bool = True) -> ViewInstant:
         """Return the world at time_s, with the messages after since_s. seen: include the clouds of sensors."""
-        vessels = {vessel.name: vessel.track.at(time_s, seen) for vessel in self._placed}
+        vessels = {vessel.name: self._vessel_at(vessel, time_s, seen) for vessel in self._placed}
         vessels |= {name: VesselInstant(*pose.at(time_s)) for name, pose in self._others.items()}
         first = bisect_right(self._passing_s, time_s - self._longest_s)
         behind = bisect_right(self._passing_s, time_s + ROUNDING_S)
@@ -192,6 +194,12 @@ class LogScene:
             waves=None if self._waves is None else self._waves.at(time_s),
             drawings=passing_at(latest, time_s),
         )
+
+    def _vessel_at(self, vessel: PlacedLog, time_s: float, seen: bool) -> VesselInstant:
+        state = vessel.track.at(time_s, seen)
+        tracks = self._images[vessel.name] if seen else {}
+        images = {camera: image for camera, track in tracks.items() if (image := track.at(time_s)) is not None}
+        return replace(state, images=images) if images else state
 
     def findings(self) -> list[SceneFinding]:
         """Run all analyses on all logs and return their findings, the worst first. It takes seconds."""
