@@ -110,6 +110,6 @@ class ImagePanel:
 
     def _add(self, label: str, picture: Picture) -> Any:
         if self._folder is None:
-            self._folder = self._gui.add_folder("Cameras", order=2.5)
+            self._folder = self._gui.add_folder("Cameras", order=3.2)
         with self._folder:
             return self._gui.add_image(picture, label=label, format="jpeg", jpeg_quality=80)
