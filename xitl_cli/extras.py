@@ -35,7 +35,7 @@ class Extra:
 
 
 PERCEPTION = Extra("perception", ("embreex", "kiss_icp", "trimesh"), "lidar, sonar, meshes and a companion")
-CAMERA = Extra("camera", ("moderngl", "PIL"), "cameras")
+CAMERA = Extra("camera", ("moderngl", "cv2", "PIL"), "cameras")
 PANDAS = Extra("pandas", ("pandas",), "tables of logs as data frames")
 PARQUET = Extra("parquet", ("pyarrow",), "export of logs to Parquet")
 REPORT = Extra("report", ("plotly",), "pages of logs with plots and a map")

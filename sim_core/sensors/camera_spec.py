@@ -102,12 +102,19 @@ class CameraSpec(Specification):
     drop_share: Annotated[Share, "share of the images that are lost at random"] = 0.0
     quality: Annotated[int, Bounds(at_least=1, at_most=100), "of the recorded JPEG"] = 85
     truth: Annotated[bool, "record boxes of the visible objects, and the horizon, with each image"] = True
+    detector: Annotated[
+        str | None, "finds objects in colour images: colour, or the name of a package's; null: none"
+    ] = None
     serve: Annotated[
         str | None,
         "address that serves the images as MJPEG to browsers and ground stations, `http://127.0.0.1:8600`; null: none",
     ] = None
 
     def check(self) -> None:
+        if self.detector is not None and self.kind != "colour":
+            raise SpecificationError(
+                ("detector",), f"= {self.detector} needs colours, and this camera is kind: {self.kind}; remove it"
+            )
         if not _NAME.fullmatch(self.name):
             raise SpecificationError(
                 ("name",), f"= {self.name!r} cannot be part of a topic; use small letters, digits and _, such as front"

@@ -39,6 +39,21 @@ class ObjectClass(IntEnum):
         return self.name.lower().replace("_", " ")
 
 
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom edge in pixels. The centre of the first pixel is at 0, 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """An object that a detector found."""
+
+    label: str
+    """Label of an ObjectClass."""
+    box_px: Box
+    confidence: float
+    """0 to 1."""
+
+
 @dataclass(frozen=True, slots=True)
 class SeenObject:
     """An object of which at least one pixel is visible."""
@@ -46,8 +61,8 @@ class SeenObject:
     name: str
     """Unique in the run, such as `boom` or `body 3`, or the name of a vessel."""
     kind: ObjectClass
-    box_px: tuple[float, float, float, float]
-    """Left, top, right and bottom edge of the visible part. The centre of the first pixel is at 0, 0."""
+    box_px: Box
+    """Of the visible part."""
     pixels: int
     """Visible pixels."""
     distance_m: float
@@ -86,6 +101,8 @@ class CameraImage:
     """(H, W) ground truth: 1 + index in `objects`, 0 for everything else."""
     horizon_px: tuple[float, float] | None = None
     """Ground truth: row of the horizon at the first and at the last column, of an ideal pinhole; None if there is none."""
+    detections: tuple[Detection, ...] = ()
+    """Of a camera with `detector`."""
     encoded: bytes = b""
     """Recorded file: JPEG of a colour image, PNG of segmentation and thermal, empty of depth."""
 
@@ -125,8 +142,26 @@ class CameraTruth:
     size_m: Annotated[Float64x3, "of the box"]
 
 
+@dataclass(frozen=True, slots=True)
+class CameraDetection:
+    """An object that a detector found in an image."""
+
+    camera: Annotated[String, "name of the camera"]
+    image: Annotated[Int64, "number of the image"]
+    label: Annotated[String, "class"]
+    left_px: Float64
+    top_px: Float64
+    right_px: Float64
+    bottom_px: Float64
+    confidence: Annotated[Float64, "0 to 1"]
+
+
 FRAMES = Topic("/cameras/frames", "xitl_msgs/msg/CameraFrame", "each image", "pose and horizon", CameraFrame)
 TRUTH = Topic("/cameras/truth", "xitl_msgs/msg/CameraTruth", "each image", "visible objects", CameraTruth)
+
+DETECTIONS = Topic(
+    "/cameras/detections", "xitl_msgs/msg/CameraDetection", "each image", "objects that a detector found", CameraDetection
+)
 
 
 def image_topic(camera: str, kind: str) -> Topic:

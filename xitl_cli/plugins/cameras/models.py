@@ -61,7 +61,7 @@ _PART_CLASSES = {
     "shoal": ObjectClass.ROCK,
     "dam": ObjectClass.DAM,
     "log boom": ObjectClass.BOOM,
-    "boom pile": ObjectClass.BOOM,
+    "boom pile": ObjectClass.OTHER,
     "building": ObjectClass.BUILDING,
 }
 WHITE, DARK, ORANGE, RED = (0.90, 0.91, 0.92), (0.10, 0.11, 0.12), (0.95, 0.40, 0.06), (0.45, 0.06, 0.05)

@@ -23,10 +23,13 @@ from sim_core.world.debris import BodyKind
 from xitl_cli.plugin import NodeContext
 from xitl_cli.plugins.cameras.daylight import Daylight, daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
+from xitl_cli.plugins.cameras.detector import DetectorScore
 from xitl_cli.plugins.cameras.gimbal import Gimbal
 from xitl_cli.plugins.cameras.images import (
     FRAMES,
     TRUTH,
+    DETECTIONS,
+    CameraDetection,
     CameraFrame,
     CameraImage,
     CameraTruth,
@@ -82,6 +85,7 @@ class Mounted:
     latency_ns: int
     rng: Generator
     counts: CameraCounts = field(default_factory=CameraCounts)
+    score: DetectorScore = field(default_factory=DetectorScore)
     exposing: deque[tuple[int, int]] = field(default_factory=deque)
     """Number and time stamp of the images whose exposure has not ended."""
     number: int = 0
@@ -138,7 +142,7 @@ class CameraNode(RunNode):
 
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder
-        for topic in (FRAMES, TRUTH):
+        for topic in (FRAMES, TRUTH, DETECTIONS):
             self._recorder.add_topic(topic)
         for camera in self._cameras.values():
             for topic in (image_topic(camera.keys.name, camera.keys.kind), calibration_topic(camera.keys.name)):
@@ -179,6 +183,7 @@ class CameraNode(RunNode):
                 "lost": camera.counts.lost,
                 "skipped": camera.counts.skipped,
                 "late": camera.counts.late,
+                **({"detector": camera.score.report()} if camera.keys.detector is not None else {}),
             }
             for name, camera in self._cameras.items()
         }
@@ -390,6 +395,8 @@ class CameraNode(RunNode):
             camera.counts.skipped += 1
             return
         camera.counts.images += 1
+        if camera.keys.detector is not None and camera.keys.truth:
+            camera.score.add(image.detections, image.objects)
         self._record(image)
         for listener in self._listeners:
             listener(image)
@@ -425,6 +432,8 @@ class CameraNode(RunNode):
                 stamp_ns,
                 CameraTruth(name, image.number, seen.kind.label, seen.name, *seen.box_px, seen.pixels, centre, turn, size),
             )
+        for one in image.detections:
+            recorder.write(stamp_ns, CameraDetection(name, image.number, one.label, *one.box_px, one.confidence))
         if self._cameras[name].keys.truth:
             recorder.message(f"/cameras/{name}/annotations", stamp_ns, annotations(image))
 

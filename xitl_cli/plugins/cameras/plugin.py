@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from sim_core.sensors.camera_spec import CameraSpec
 from xitl_cli.plugin import NodeContext, NodeKind
-from xitl_cli.plugins.cameras.images import FRAMES, TRUTH
+from xitl_cli.plugins.cameras.images import DETECTIONS, FRAMES, TRUTH
 from xitl_cli.run.core.node import RunNode
 
 
@@ -16,4 +16,4 @@ def _make(keys: Sequence[CameraSpec], context: NodeContext) -> RunNode:
     return CameraNode(keys, context)
 
 
-KIND = NodeKind(CameraSpec, _make, (FRAMES, TRUTH))
+KIND = NodeKind(CameraSpec, _make, (FRAMES, TRUTH, DETECTIONS))

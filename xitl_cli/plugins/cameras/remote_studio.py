@@ -14,7 +14,7 @@ import numpy as np
 from sim_core.sensors.camera_spec import CameraSpec
 from xitl_cli.errors import UserError
 from xitl_cli.extras import CAMERA
-from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
+from xitl_cli.plugins.cameras.images import CameraImage, Detection, ObjectClass, SeenObject
 from xitl_cli.plugins.cameras.models import Model
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
 from xitl_cli.run.core.side_process import SideProcess
@@ -133,6 +133,7 @@ class RemoteStudio:
             pos_ned_m=view.pos_ned_m,
             rot_ned_optical=view.rot_ned_optical,
             objects=tuple(_seen(row) for row in sent["objects"]),
+            detections=tuple(Detection(label, tuple(box), share) for label, box, share in sent["detections"]),
             horizon_px=None if horizon is None else (horizon[0], horizon[1]),
             encoded=b"" if camera.kind == "depth" else data,
         )
@@ -160,6 +161,7 @@ def message_of(image: CameraImage, processor_ms: float) -> dict[str, Any]:
         "image": {
             "data": base64.b64encode(data).decode(),
             "horizon": image.horizon_px,
+            "detections": [[one.label, one.box_px, one.confidence] for one in image.detections],
             "objects": [
                 [
                     *(seen.name, int(seen.kind), seen.box_px, seen.pixels, seen.distance_m),

@@ -321,6 +321,8 @@ class Renderer:
     def __init__(self, models: Mapping[str, Model], still: Collection[str] = (), samples: int = 4) -> None:
         rng = default_rng(1)  # of the patterns on water and sensors, the same in all runs
         context = self._context = make_context()
+        self.device = str(context.info["GL_RENDERER"])
+        """Name of the renderer, such as `llvmpipe (LLVM 15.0.6, 256 bits)`."""
         self._samples = min(samples, context.max_samples)
         self._models: dict[str, LoadedModel] = {}
         self._programs = {
@@ -372,11 +374,6 @@ class Renderer:
         self._sources: dict[tuple[Lens, int], Any] = {}
         for name, model in models.items():
             self.add(name, model)
-
-    @property
-    def device(self) -> str:
-        """Name of the renderer, such as `llvmpipe (LLVM 15.0.6, 256 bits)`."""
-        return str(self._context.info["GL_RENDERER"])
 
     def add(self, name: str, model: Model) -> None:
         """Add a model, or replace it."""

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from sim_core import frames
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
+from xitl_cli.plugins.cameras.detector import Detector
 from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
 from xitl_cli.plugins.cameras.models import Model, WorldObject
 from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, Renderer, Response, Shot
+from xitl_cli.registry import DETECTORS, load
 
 THERMAL_NOISE_C = 0.05
 KELVIN = 273.15
@@ -64,6 +66,11 @@ class Studio:
     def __init__(self, cameras: Sequence[CameraSpec], models: Mapping[str, Model], still: Collection[str] = ()) -> None:
         self._cameras = {camera.name: camera for camera in cameras}
         self._lenses = {camera.name: lens_of(camera) for camera in cameras}
+        self._detectors: dict[str, Detector] = {
+            camera.name: load(DETECTORS, camera.detector)(camera, self._lenses[camera.name])
+            for camera in cameras
+            if camera.detector is not None
+        }
         self._models = dict(models)
         self._renderer = Renderer(models, still, samples=1)
 
@@ -103,6 +110,7 @@ class Studio:
                 for number, seen in enumerate(self._models[model].objects)
             ]
             objects, instances = seen_objects(numbers, known, wanted.middle)
+        detector = self._detectors.get(camera.name)
         return CameraImage(
             camera=camera.name,
             kind=camera.kind,
@@ -115,6 +123,7 @@ class Studio:
             objects=objects or (),
             instances=instances,
             horizon_px=horizon_px(lens, view.rot_ned_optical) if camera.truth else None,
+            detections=() if detector is None else tuple(detector.detect(pixels)),
             encoded=encoded(camera.kind, pixels, camera.quality),
         )
 
