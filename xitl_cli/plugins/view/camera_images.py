@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table
-from xitl_cli.plugins.view.model import Array, ViewImage, ViewInstant
+from xitl_cli.plugins.view.model import Array, ViewImage
 from xitl_cli.plugins.view.tracks import Seconds
 from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.image_colours import Picture, coloured_depth, picture_of_file
@@ -82,7 +82,7 @@ def image_tracks(log: Log, seconds: Seconds) -> Iterator[tuple[str, ImageTrack]]
 
 
 class ImagePanel:
-    """A folder of the panel with an image for each camera. Call `update` with each instant."""
+    """A folder of the panel with an image for each camera."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._gui = server.gui
@@ -91,22 +91,20 @@ class ImagePanel:
         """Images of the panel by vessel and camera."""
         self._shown_s: dict[tuple[str, str], float] = {}
 
-    def update(self, instant: ViewInstant) -> None:
-        """Show the images of an instant. A damaged image is omitted."""
-        for vessel, state in instant.vessels.items():
-            for camera, image in state.images.items():
-                key = vessel, camera
-                if self._shown_s.get(key) == image.time_s:
-                    continue
-                self._shown_s[key] = image.time_s
-                try:
-                    picture = picture_of(image)
-                except (OSError, ValueError):
-                    continue
-                if key in self.handles:
-                    self.handles[key].image = picture
-                else:
-                    self.handles[key] = self._add(f"{vessel} {camera}".strip(), picture)
+    def update(self, images: Mapping[tuple[str, str], ViewImage]) -> None:
+        """Show images by vessel and camera. A damaged image is omitted, and cameras without an image stay unchanged."""
+        for key, image in images.items():
+            if self._shown_s.get(key) == image.time_s:
+                continue
+            self._shown_s[key] = image.time_s
+            try:
+                picture = picture_of(image)
+            except (OSError, ValueError):
+                continue
+            if key in self.handles:
+                self.handles[key].image = picture
+            else:
+                self.handles[key] = self._add(" ".join(key).strip(), picture)
 
     def _add(self, label: str, picture: Picture) -> Any:
         if self._folder is None:

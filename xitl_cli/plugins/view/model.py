@@ -153,7 +153,7 @@ class VesselInstant:
     guided_enu_m: Array | None = None
     """Target in GUIDED."""
     images: Mapping[str, ViewImage] = field(default_factory=dict)
-    """Images by camera. A live view has only those since the previous instant."""
+    """Images of a live view since the previous instant, by camera."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

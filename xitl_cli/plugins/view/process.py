@@ -117,7 +117,13 @@ class ViewProcess:
         self._drawing.draw(instant)
         self._cameras.update(instant)
         self._readouts.update(instant, time.monotonic())
-        self._images.update(instant)
+        self._images.update(
+            {
+                (vessel, camera): image
+                for vessel, state in instant.vessels.items()
+                for camera, image in state.images.items()
+            }
+        )
         if self._controls is not None:
             self._controls.update(instant)
 

@@ -43,6 +43,7 @@ from xitl_cli.plugins.view.model import (
     SceneWaves,
     VesselInstant,
     ViewEvent,
+    ViewImage,
     ViewInstant,
     ViewScene,
 )
@@ -175,7 +176,7 @@ class LogScene:
 
     def instant(self, time_s: float, since_s: float | None = None, seen: bool = True) -> ViewInstant:
         """Return the world at time_s, with the messages after since_s. seen: include the clouds of sensors."""
-        vessels = {vessel.name: self._vessel_at(vessel, time_s, seen) for vessel in self._placed}
+        vessels = {vessel.name: vessel.track.at(time_s, seen) for vessel in self._placed}
         vessels |= {name: VesselInstant(*pose.at(time_s)) for name, pose in self._others.items()}
         first = bisect_right(self._passing_s, time_s - self._longest_s)
         behind = bisect_right(self._passing_s, time_s + ROUNDING_S)
@@ -195,11 +196,14 @@ class LogScene:
             drawings=passing_at(latest, time_s),
         )
 
-    def _vessel_at(self, vessel: PlacedLog, time_s: float, seen: bool) -> VesselInstant:
-        state = vessel.track.at(time_s, seen)
-        tracks = self._images[vessel.name] if seen else {}
-        images = {camera: image for camera, track in tracks.items() if (image := track.at(time_s)) is not None}
-        return replace(state, images=images) if images else state
+    def images(self, time_s: float) -> dict[tuple[str, str], ViewImage]:
+        """Return the newest image of each camera at time_s, by vessel and camera."""
+        return {
+            (vessel, camera): image
+            for vessel, tracks in self._images.items()
+            for camera, track in tracks.items()
+            if (image := track.at(time_s)) is not None
+        }
 
     def findings(self) -> list[SceneFinding]:
         """Run all analyses on all logs and return their findings, the worst first. It takes seconds."""

@@ -239,7 +239,7 @@ class RecordingPage:
             self._instant = self._recording.instant(time_s, since_s)
             self._drawing.draw(self._instant)
         self._readouts.update(self._instant, now_s)
-        self._images.update(self._instant)
+        self._images.update(self._recording.images(time_s))
         self._cameras.update(self._instant)
         self.panel.update(now_s)
 
