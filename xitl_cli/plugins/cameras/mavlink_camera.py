@@ -138,7 +138,7 @@ class MavlinkCamera:
 
     def report(self) -> dict[str, Any]:
         """Return the counts and the component as plain data."""
-        return {"component": self.component_id} | asdict(self.counts)
+        return {"component": self.component_id, "unsigned": self._link.refused_signature} | asdict(self.counts)
 
     # Requests
 

@@ -54,7 +54,8 @@ class CameraStream:
     def __init__(self, cameras: Mapping[str, CameraSpec], title: str = "xitl") -> None:
         self.counts = StreamCounts()
         self._title = title
-        self._newest = {name: NewestImage(spec) for name, spec in cameras.items()}
+        self._newest: dict[str, NewestImage] = {}
+        self.add(cameras)
         self._host = ""
         self.connections = 0
         """Open connections."""
@@ -62,6 +63,10 @@ class CameraStream:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stop: asyncio.Event | None = None
         self._thread: threading.Thread | None = None
+
+    def add(self, cameras: Mapping[str, CameraSpec]) -> None:
+        """Serve further cameras, such as those of another vessel."""
+        self._newest |= {name: NewestImage(spec) for name, spec in cameras.items()}
 
     def start(self, url: str, key: str = "sensors.cameras.serve") -> str:
         """Serve at `http://ADDRESS:PORT`, by default at port 8600, and return the address. Port 0 is any free one.
@@ -204,7 +209,7 @@ class CameraStream:
 
     def _page(self) -> str:
         figures = []
-        for count, (name, newest) in enumerate(self._newest.items()):
+        for count, (name, newest) in enumerate(sorted(self._newest.items())):
             spec, path = newest.spec, html.escape(f"/{name}")
             source = f"{path}.mjpeg" if count < MOST_PICTURES else f"{path}.jpg"
             caption = f"{html.escape(name)}: {spec.kind}, {spec.width_px} × {spec.height_px}, {spec.rate_hz:g} Hz"

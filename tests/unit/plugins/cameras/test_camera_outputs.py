@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import time
+from dataclasses import replace
 
 import pytest
 from synthetic_images import make_image
@@ -16,15 +17,19 @@ from tests.free_ports import free_port
 from tests.patience import PATIENCE_S
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.cameras.mavlink_camera import GimbalAngles
-from xitl_cli.plugins.cameras.outputs import CameraOutputs, rtsp_address
+from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers, rtsp_address
 from xitl_cli.profile.load import load_profile
+from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.links.router import Router
 
 PROFILE = load_profile("sitl").runnable()
 
 
-def outputs(cameras: list[CameraSpec], url: str = "") -> CameraOutputs:
-    return CameraOutputs(cameras, PROFILE, url, lambda *turned: None, lambda name: GimbalAngles(0.0, 0.0))
+def outputs(
+    cameras: list[CameraSpec], url: str = "", servers: StreamServers | None = None, profile: RunProfile = PROFILE
+) -> CameraOutputs:
+    servers = StreamServers() if servers is None else servers
+    return CameraOutputs(cameras, profile, servers, url, lambda *turned: None, lambda name: GimbalAngles(0.0, 0.0))
 
 
 def get(port: int, path: str) -> tuple[int, bytes]:
@@ -49,6 +54,29 @@ def test_cameras_with_one_address_share_a_server() -> None:
     made.close()
     streams = made.report()["streams"]
     assert [streams[address]["images_sent"] for address in (first, second)] == [2, 1]
+
+
+def test_vessels_of_a_fleet_share_a_server() -> None:
+    class Scenery:
+        """What all vessels of a run have in common."""
+
+    run, other_run = Scenery(), Scenery()
+    port = free_port()
+    camera = CameraSpec(serve=f"http://127.0.0.1:{port}")
+    servers = StreamServers.of_run(run)
+    assert StreamServers.of_run(run) is servers
+    assert StreamServers.of_run(other_run) is not servers
+    vessels = [outputs([camera], "", servers, replace(PROFILE, vessel=name)) for name in ("alpha", "bravo")]
+    for number, vessel in enumerate(vessels, start=1):
+        vessel.prepare()
+        vessel.show(make_image(camera, number))
+    assert get(port, "/bravo/front.jpg") == (200, make_image(camera, 2).encoded)
+    vessels[1].close()
+    assert get(port, "/alpha/front.jpg") == (200, make_image(camera, 1).encoded)
+    vessels[0].close()
+    with pytest.raises(ConnectionRefusedError):
+        get(port, "/")
+    assert vessels[0].report()["streams"][camera.serve or ""]["images_sent"] == 2
 
 
 def test_each_camera_that_stations_may_use_is_a_component() -> None:
@@ -89,7 +117,7 @@ def test_each_camera_that_stations_may_use_is_a_component() -> None:
     assert models == {(100, "served"), (101, "turning")}
     assert uris == {address.replace("http", "rtsp") + "/served"}
     assert made.report()["components"]["turning"] == {
-        "component": 101, "answered": 1, "refused": 1, "gimbal_commands": 0
+        "component": 101, "unsigned": 0, "answered": 1, "refused": 1, "gimbal_commands": 0
     }  # fmt: skip
 
 

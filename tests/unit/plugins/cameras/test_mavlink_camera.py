@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,13 +11,20 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common
 
+from agent.wire import dialect as ownmav
+from agent.wire.link import Link
+from agent.wire.signing import Signing
+from agent.wire.transport import open_transport
 from sim_core.sensors.camera_spec import CameraSpec, GimbalSpec, LensSpec
 from tests.doubles.camera_boat import CameraBoat, camera_boat
 from tests.patience import PATIENCE_S
+from xitl_cli.plugins.cameras.mavlink_camera import MavlinkCamera
+from xitl_cli.run.links.router import Router
 
 FRONT = CameraSpec(
     lens=LensSpec(view_deg=80.0), rate_hz=15.0, gimbal=GimbalSpec(pitch_limits_deg=(-60.0, 20.0)), serve="http://any"
 )
+KEY = bytes(range(32))
 HEAT = CameraSpec(name="heat", kind="thermal", width_px=320, height_px=240)
 
 
@@ -139,3 +147,24 @@ def test_gimbal_commands_turn_it(station: Any, boat: CameraBoat) -> None:
     pitch, yaw = math.asin(2 * (w * y - z * x)), math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     assert (math.degrees(pitch), math.degrees(yaw)) == pytest.approx((-12.0, 34.0), abs=1e-3)
     assert received(station, "GIMBAL_MANAGER_STATUS").primary_control_sysid == 255
+
+
+def test_a_signed_camera_answers_holders_of_the_key_alone() -> None:
+    router = Router(["tcp://127.0.0.1:0"])
+    transport, stranger_transport = (open_transport(router.stations[0], listen=False) for _ in range(2))
+    holder, stranger = Link(transport, 254, 190, signing=Signing(KEY)), Link(stranger_transport, 255, 190)
+    camera = MavlinkCamera(router.components_url, 7, 0, HEAT, "rtsp://any", signing=Signing(KEY))
+    request = ownmav.MAVLink_command_long_message(7, 100, 512, 0, 259, 0, 0, 0, 0, 0, 0)
+    answers: list[Any] = []
+    until_s = time.monotonic() + PATIENCE_S
+    while not answers and time.monotonic() < until_s:
+        for station in (stranger, holder):
+            station.send(request)
+        router.poll(0.01)
+        camera.poll(0)
+        answers += [one for one in holder.receive(0.0) if one.get_type() == "COMMAND_ACK"]
+        assert not [one for one in stranger.receive(0.0) if one.get_type() == "COMMAND_ACK"]
+    assert answers[0].result == common.MAV_RESULT_ACCEPTED
+    assert camera.report()["unsigned"] > 0
+    for one in (camera, transport, stranger_transport, router):
+        one.close()
