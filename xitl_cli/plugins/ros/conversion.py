@@ -33,6 +33,7 @@ from xitl_cli.plugins.ros.camera_messages import (
 from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.plugins.ros.diagnostics import Diagnostics
 from xitl_cli.plugins.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
+from xitl_cli.plugins.ros.gimbal_frames import FRAMES, GimbalFrames, TurnedFrame
 from xitl_cli.plugins.ros.outputs import (
     ANSWERS_LINK,
     DIAGNOSED,
@@ -171,6 +172,7 @@ class VesselConversion:
             frames.insert(0, FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0)))
         self.fixed_frames = tuple(named_frame(frame, self.name) for frame in frames)
         self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
+        self._gimbals = GimbalFrames(cameras_of(profile))
         self._attitude = AttitudeCarry()
         self._diagnostics = Diagnostics()
         self._estimate_ns = -1
@@ -189,6 +191,8 @@ class VesselConversion:
             TRUE_STATE: self._state,
             **{topic: partial(self._diagnose, topic) for topic in DIAGNOSED},
         }
+        if self._gimbals.wanted:
+            handlers[FRAMES] = self._camera_frame
         sensors, self._instruments = profile.sensors, None
         if sensors is not None:
             frame_of = {frame.name: instruments.CloudFrame(frame) for frame in sensor_frames(profile)}
@@ -305,9 +309,22 @@ class VesselConversion:
 
     def _truth(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         yield RosMessage(self._named["ground_truth/odom"], self.name, payload, stamp_ns)
+        if self._moved_by != "truth" and not self._gimbals.wanted:
+            return
+        pose = deserialize(payload, OUTPUTS["odometry"].type).pose.pose
         if self._moved_by == "truth":
-            odometry = deserialize(payload, OUTPUTS["odometry"].type)
-            yield self._moved(stamp_ns, odometry.pose.pose)
+            yield self._moved(stamp_ns, pose)
+        turn = pose.orientation
+        yield from self._turned(self._gimbals.attitude(stamp_ns, np.array([turn.w, turn.x, turn.y, turn.z])))
+
+    def _turned(self, frames: Iterable[TurnedFrame]) -> Iterable[RosMessage]:
+        """Yield the transforms of cameras on gimbals."""
+        for stamp_ns, frame in frames:
+            transform = _transform(named_frame(frame, self.name), stamp_ns)
+            yield self._message("/tf", msg.TFMessage(transforms=[transform]), stamp_ns)
+
+    def _camera_frame(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        return self._turned(self._gimbals.image(payload))
 
     def _true_fix(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         place = foxglove_type("LocationFix").FromString(payload)

@@ -70,8 +70,9 @@ _TABLE = (
     RosTopic("/clock", "rosgraph_msgs/msg/Clock", "`clock.exchange_rate_hz`", "", "simulation time", (TICKS,), "clock"),
     RosTopic("/tf", "tf2_msgs/msg/TFMessage", "as `odometry`; moving links 10 Hz", "",
              "`odom` → `base_link`, continuous, and `map` → `odom` with the corrections of the "
-             "autopilot's estimate; without an autopilot the truth (`ros.tf`); gears and rudders",
-             (ESTIMATE, TRUTH, TRUE_STATE)),
+             "autopilot's estimate; without an autopilot the truth (`ros.tf`); gears and rudders; cameras on gimbals "
+             "at each image",
+             (ESTIMATE, TRUTH, TRUE_STATE, "/cameras/frames")),
     RosTopic("/tf_static", "tf2_msgs/msg/TFMessage", "once", "",
              "the mounting positions of sensors and thrusters; also `map` → `odom` if the truth moves `base_link`",
              (), "latched"),

@@ -12,18 +12,21 @@ import pytest
 from PIL import Image
 from recorded_images import foxglove_calibration, foxglove_image, record
 from rosbags.highlevel import AnyReader
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 from synthetic_images import make_image
 
 from sim_core.sensors.camera_spec import CameraSpec, LensSpec
 from xitl_cli.logs import open_log
 from xitl_cli.logs.export.exporting import BagFormat, ExportSelection
+from xitl_cli.plugins.cameras.images import CameraFrame
 from xitl_cli.plugins.ros.bag_export import export_bag
 from xitl_cli.plugins.ros.camera_messages import compressed_format
 from xitl_cli.plugins.ros.conversion import RosConversion
 from xitl_cli.plugins.ros.definitions import deserialize
 from xitl_cli.plugins.ros.frames import optical_turn
 from xitl_cli.profile.load import load_profile
+from xitl_cli.record.cdr import MessageType
+from xitl_cli.record.topics import TOPICS
 
 FRONT = CameraSpec(width_px=96, height_px=64, lens=LensSpec(distortion=(-0.2, 0.03)))
 DEPTH = CameraSpec(name="depth", kind="depth", width_px=96, height_px=64)
@@ -31,6 +34,8 @@ CLASSES = CameraSpec(name="classes", kind="segmentation", width_px=96, height_px
 HEAT = CameraSpec(
     name="heat", kind="thermal", width_px=96, height_px=64, lens=LensSpec(model="fisheye", distortion=(0.1,))
 )
+ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+FRD_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 CAMERAS = (FRONT, DEPTH, CLASSES, HEAT)
 
 
@@ -113,6 +118,38 @@ def test_the_optical_axes_are_those_of_rep_103() -> None:
     assert ahead.apply(np.eye(3)) == pytest.approx(np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]]), abs=1e-12)
     up = Rotation.from_quat(optical_turn(CameraSpec(pitch_deg=30.0, yaw_deg=90.0)))  # to starboard, over the horizon
     assert up.apply([0.0, 0.0, 1.0]) == pytest.approx([0.0, -np.cos(np.pi / 6), 0.5], abs=1e-12)
+
+
+def test_a_gimbal_turns_the_frame_of_its_camera() -> None:
+    """Against scipy: the vessel yaws and rolls between two recorded attitudes, and the image lies between them."""
+    cameras = "sensors.cameras=[{name: eye, position_frd_m: [1, 0.5, -2], gimbal: {}}, {name: fixed}]"
+    conversion = RosConversion([load_profile("sitl", [cameras]).runnable()])
+    attitude = TOPICS["/truth/odometry"].message_type().encode
+    moved = [Rotation.from_euler("ZYX", angles, degrees=True) for angles in ((10, 0, 0), (16, 0, 4))]
+    between = Slerp([0.0, 1.0], Rotation.concatenate(moved))(0.25)
+    optical = Rotation.from_matrix(FRD_OPTICAL)
+    mount = Rotation.from_euler("ZYX", (30, -20, 0), degrees=True)
+    found: list[Any] = []
+    for number, stamp_ns in enumerate((1_000_000_000, 1_020_000_000)):
+        in_enu = Rotation.from_matrix(ENU_FROM_NED @ moved[number].as_matrix() @ np.diag([1.0, -1.0, -1.0]))
+        zeros = [0.0] * 36
+        payload = attitude(stamp_ns, "map", "base_link", [0.0] * 3, in_enu.as_quat().tolist(), zeros, [0.0] * 6, zeros)
+        found += [one for one in conversion.convert("/truth/odometry", payload, stamp_ns) if one.topic.name == "/tf"]
+        if not number:
+            for name in ("eye", "fixed"):
+                x, y, z, w = (between * mount * optical).as_quat().tolist()
+                values = 1_005_000_000, name, 3, [0.0] * 3, [w, x, y, z], 0.0, 0.0
+                payload = MessageType(CameraFrame).encode(*values)
+                found += conversion.convert("/cameras/frames", payload, 1_005_000_000)
+            assert not found, "it waits for the next attitude"
+    ((message,),) = [deserialize(one.cdr, "tf2_msgs/msg/TFMessage").transforms for one in found]
+    assert (message.header.frame_id, message.child_frame_id) == ("base_link", "camera_eye_optical")
+    assert message.header.stamp.nanosec == 5_000_000
+    place, turn = message.transform.translation, message.transform.rotation
+    assert [place.x, place.y, place.z] == [1.0, -0.5, 2.0]
+    expected = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]) @ (mount * optical).as_matrix())
+    read = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+    assert (read.inv() * expected).magnitude() < 2e-5, "linear and spherical interpolation differ little"
 
 
 @pytest.mark.parametrize(("mode", "text"), [("RGB", "rgb8; png compressed bgr8"), ("L", "mono8; png compressed ")])
