@@ -41,7 +41,7 @@ GROUPS = {
     COMMANDS: "a command, or a group of commands: `xitl_cli.plugin.Command`",
     NODES: "nodes of a run with profile keys and topics, such as a sensor: `xitl_cli.plugin.NodeKind`",
     SENSORS: "sensors with their own keys in `sensors` of a profile: `xitl_cli.plugin.NodeKind`",
-    DETECTORS: "detectors of objects in images of cameras: a function from a `CameraSpec` and a `Lens` to an object with "
+    DETECTORS: "detectors of objects in images: a function from a `CameraSpec` and a `Lens` to an object with "
     "`detect(image)`",
     DRIVERS: "drivers, which command an autopilot in a run: `xitl_cli.plugin.DriverKind`",
     BRIDGES: "bridges, which feed an autopilot and read its outputs: `agent.bridges.kinds.BridgeKind`",

@@ -91,7 +91,7 @@ class CameraSpec(Specification):
     width_px: Annotated[int, Bounds(at_least=16, at_most=4096)] = 640
     height_px: Annotated[int, Bounds(at_least=16, at_most=4096)] = 480
     rate_hz: Annotated[float, Bounds(above=0, at_most=120), "images per second"] = 10.0
-    latency_s: Annotated[NonNegative, "from the middle of the exposure until the image is available"] = 0.0
+    latency_s: Annotated[NonNegative, "from the middle of the exposure until the image is available"] = 0.1
     position_frd_m: Vector = (0.5, 0.0, -0.8)
     roll_deg: Direction = 0.0
     pitch_deg: Annotated[Direction, "pitch angle, up positive"] = 0.0

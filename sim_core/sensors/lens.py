@@ -94,7 +94,7 @@ class Lens:
 
     def all_directions(self) -> Array:
         """Return the (height, width, 3) unit direction of each pixel."""
-        grid = np.stack(np.meshgrid(np.arange(self.width_px), np.arange(self.height_px)), axis=-1)
+        grid = np.stack(np.meshgrid(np.arange(float(self.width_px)), np.arange(float(self.height_px))), axis=-1)
         return self.directions(grid)
 
     def _bent(self, angle: Array) -> Array:

@@ -21,7 +21,17 @@ from xitl_cli.plugins.cameras.daylight import daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.gimbal import ROT_FRD_OPTICAL
 from xitl_cli.plugins.cameras.images import ObjectClass
 from xitl_cli.plugins.cameras.models import VERTEX, Model, WorldObject, triangles, world_model
-from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, Placed, Renderer, Response, Shot, Surroundings, View
+from xitl_cli.plugins.cameras.renderer import (
+    SEA_ID,
+    SKY_ID,
+    Placed,
+    Renderer,
+    Response,
+    Shot,
+    Surroundings,
+    View,
+    faces_of,
+)
 from xitl_cli.profile import load_profile
 from xitl_cli.scenery import Scenery
 
@@ -51,7 +61,9 @@ def surroundings(*placed: Placed, waves: object = FlatWater(), time_s: float = 0
 
 def model(*meshes: Mesh, colour: tuple[float, float, float] = (0.8, 0.2, 0.1)) -> Model:
     vertices = [triangles(mesh, colour, ObjectClass.OTHER, number) for number, mesh in enumerate(meshes)]
-    objects = [WorldObject(f"object {number}", ObjectClass.OTHER, (0, 0, 0), (1, 1, 1)) for number in range(len(meshes))]
+    objects = [
+        WorldObject(f"object {number}", ObjectClass.OTHER, (0, 0, 0), (1, 1, 1)) for number in range(len(meshes))
+    ]
     return Model(np.concatenate(vertices), tuple(objects))
 
 
@@ -103,7 +115,7 @@ def test_distances_are_those_of_the_lidars_ray_caster(river: tuple[Scenery, Mode
 
 
 def test_the_water_is_the_surface_of_the_simulation(river: tuple[Scenery, Model, Renderer]) -> None:
-    scenery, _, renderer = river
+    _, _, renderer = river
     profile = load_profile("sitl", ["environment.waves.significant_height_m=0.5", "environment.waves.peak_period_s=3"])
     waves = Environment.from_spec(profile.environment, default_rng(2)).waves
     where, time_s = view(5.0, -40.0, -2.0, yaw_deg=-60.0, pitch_deg=-25.0), 12.3
@@ -148,6 +160,15 @@ def test_an_object_is_where_its_lens_projects_it(spec: LensSpec) -> None:
         np.testing.assert_allclose([columns.mean(), rows.mean()], seen, atol=0.35)
 
 
+@pytest.mark.parametrize("view_deg", [100.0, 180.0, 220.0])
+def test_every_pixel_of_a_fisheye_is_drawn_once(view_deg: float) -> None:
+    lens = Lens.from_spec(LensSpec(model="fisheye", view_deg=view_deg), 90, 90)
+    times = sum(np.asarray(face.places is not None and face.places[..., 0] >= 0.0, int) for face in faces_of(lens))
+    seen = np.isfinite(lens.all_directions()).all(axis=-1)
+    assert seen.any()
+    np.testing.assert_array_equal(times, seen.astype(int))
+
+
 def board(squares_m: float) -> tuple[Model, np.ndarray, int]:
     """A marker of ArUco of six by six squares with a white rim, upright across the north, and its corners."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
@@ -176,9 +197,7 @@ def test_opencv_finds_the_true_pose_of_a_marker() -> None:
     found, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     assert numbers is not None
     assert numbers.ravel().tolist() == [number]
-    precise = cv2.cornerSubPix(
-        cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), found[0][0], (4, 4), (-1, -1), (3, 50, 1e-4)
-    )
+    precise = cv2.cornerSubPix(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), found[0][0], (4, 4), (-1, -1), (3, 50, 1e-4))
     _, turn, offset = cv2.solvePnP(corners, precise, LENS.matrix, np.zeros(5), flags=cv2.SOLVEPNP_ITERATIVE)
     exact = (place - where.pos_ned_m - rotation @ [0.005, 0.0, 0.0]) @ where.rot_ned_optical
     assert np.linalg.norm(offset.ravel() - exact) < 0.01 * np.linalg.norm(exact)
@@ -208,7 +227,8 @@ def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
     response = Response(exposure=world.light.exposure)
     step_deg = 0.9  # of yaw from each band of rows to the next
     bands = [
-        Shot(view(0, 0, -10.0, yaw_deg=step_deg * number), world, (60 * number, 60 * number + 60)) for number in range(8)
+        Shot(view(0, 0, -10.0, yaw_deg=step_deg * number), world, (60 * number, 60 * number + 60))
+        for number in range(8)
     ]
     image = renderer.colour(bands, LENS, response)[..., 1].astype(int)
     darkest = [int(np.argmin(image[60 * number + 30])) for number in range(8)]

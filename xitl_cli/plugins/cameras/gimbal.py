@@ -17,7 +17,8 @@ ROT_FRD_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 def mount_rotation(camera: CameraSpec) -> Array:
     """Return the (3, 3) rotation from the axes of the mount (forward, right, down) to the vessel's."""
     angles_rad = np.radians([camera.roll_deg, camera.pitch_deg, camera.yaw_deg])
-    return frames.quat_to_matrix(frames.euler_to_quat(angles_rad))
+    rotation: Array = frames.quat_to_matrix(frames.euler_to_quat(angles_rad))
+    return rotation
 
 
 class Gimbal:
@@ -51,12 +52,13 @@ class Gimbal:
         """Return the (3, 3) rotation from the optical axes to NED, from that of the vessel."""
         mount = rot_ned_frd @ self._mount
         if self._keys is None:
-            return mount @ ROT_FRD_OPTICAL
+            return np.asarray(mount @ ROT_FRD_OPTICAL)
         if self._keys.stabilised:
             ahead = mount[:, 0]
             mount = _turned(0.0, math.degrees(math.atan2(ahead[1], ahead[0])))
-        return mount @ _turned(self.pitch_deg, self.yaw_deg) @ ROT_FRD_OPTICAL
+        return np.asarray(mount @ _turned(self.pitch_deg, self.yaw_deg) @ ROT_FRD_OPTICAL)
 
 
 def _turned(pitch_deg: float, yaw_deg: float) -> Array:
-    return frames.quat_to_matrix(frames.euler_to_quat(np.radians([0.0, pitch_deg, yaw_deg])))
+    rotation: Array = frames.quat_to_matrix(frames.euler_to_quat(np.radians([0.0, pitch_deg, yaw_deg])))
+    return rotation

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated
 
-import numpy as np
 from numpy import float32, uint8, uint16
 from numpy.typing import NDArray
 
@@ -100,7 +99,7 @@ class CameraImage:
     instances: NDArray[uint16] | None = None
     """(H, W) ground truth: 1 + index in `objects`, 0 for everything else."""
     horizon_px: tuple[float, float] | None = None
-    """Ground truth: row of the horizon at the first and at the last column, of an ideal pinhole; None if there is none."""
+    """Ground truth: row of the horizon at the first and at the last column, of an ideal pinhole; None for none."""
     detections: tuple[Detection, ...] = ()
     """Of a camera with `detector`."""
     encoded: bytes = b""
@@ -160,7 +159,11 @@ FRAMES = Topic("/cameras/frames", "xitl_msgs/msg/CameraFrame", "each image", "po
 TRUTH = Topic("/cameras/truth", "xitl_msgs/msg/CameraTruth", "each image", "visible objects", CameraTruth)
 
 DETECTIONS = Topic(
-    "/cameras/detections", "xitl_msgs/msg/CameraDetection", "each image", "objects that a detector found", CameraDetection
+    "/cameras/detections",
+    "xitl_msgs/msg/CameraDetection",
+    "each image",
+    "objects that a detector found",
+    CameraDetection,
 )
 
 
@@ -178,4 +181,3 @@ def calibration_topic(camera: str) -> Topic:
 def annotations_topic(camera: str) -> Topic:
     """Return the topic of the boxes that Foxglove draws over a camera's images."""
     return Topic(f"/cameras/{camera}/annotations", "foxglove.ImageAnnotations", "each image", "boxes")
-

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy import float32, float64
+from numpy import float64
 from numpy.typing import NDArray
 
 from sim_core.frames import Array

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, timedelta
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,13 +23,12 @@ from sim_core.sensors.lens import Lens
 from sim_core.world.debris import BodyKind
 from xitl_cli.plugin import NodeContext
 from xitl_cli.plugins.cameras.daylight import Daylight, daylight, visible_extinction_per_m
-from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
 from xitl_cli.plugins.cameras.detector import DetectorScore
 from xitl_cli.plugins.cameras.gimbal import Gimbal
 from xitl_cli.plugins.cameras.images import (
+    DETECTIONS,
     FRAMES,
     TRUTH,
-    DETECTIONS,
     CameraDetection,
     CameraFrame,
     CameraImage,
@@ -39,10 +39,11 @@ from xitl_cli.plugins.cameras.images import (
     image_topic,
 )
 from xitl_cli.plugins.cameras.models import Model, body_model, vessel_model, world_model
+from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
 from xitl_cli.plugins.cameras.renderer import FoamTrail, Placed, Response, Shot, Surroundings, View
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
-from xitl_cli.record.recorder import timestamp
-from xitl_cli.record.topics import VESSEL_FRAME, vessel_name
+from xitl_cli.record.topics import vessel_name
+from xitl_cli.record.truth import timestamp
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 
 WORLD, OWN = "world", "own vessel"
@@ -67,6 +68,8 @@ class CameraCounts:
     """By `drop_share`."""
     skipped: int = 0
     """In real time, because the machine could not draw them in time."""
+    unfinished: int = 0
+    """Under exposure when the run ended."""
     late: int = 0
     """Delivered later than `latency_s` in real time."""
 
@@ -171,6 +174,9 @@ class CameraNode(RunNode):
         """Record the images that are still under way."""
         while self._due:
             self._hand_over(self._due.popleft()[1])
+        for camera in self._cameras.values():
+            camera.counts.unfinished += len(camera.exposing)
+            camera.exposing.clear()
 
     def close(self) -> None:
         self._studio.close()
@@ -179,10 +185,7 @@ class CameraNode(RunNode):
         figures = self._studio.figures
         cameras = {
             name: {
-                "images": camera.counts.images,
-                "lost": camera.counts.lost,
-                "skipped": camera.counts.skipped,
-                "late": camera.counts.late,
+                **asdict(camera.counts),
                 **({"detector": camera.score.report()} if camera.keys.detector is not None else {}),
             }
             for name, camera in self._cameras.items()
@@ -210,7 +213,7 @@ class CameraNode(RunNode):
         )
 
     def _expose(self, camera: Mounted, now_ns: int) -> None:
-        """Begin an image. Its time stamp, the middle of its exposure, lies so far ahead that the exposure begins now."""
+        """Begin an image. Its time stamp is the middle of its exposure, which begins now."""
         camera.number += 1
         if camera.rng.random() < camera.keys.drop_share:
             camera.counts.lost += 1
@@ -258,7 +261,7 @@ class CameraNode(RunNode):
         blurs = int(np.clip(math.ceil(moved_px * exposure.time_s / window_s / BLUR_PX), 1, MOST_SHOTS))
         edges = np.linspace(0, height, bands + 1).round().astype(int).tolist()
         shots = []
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in pairwise(edges):
             row_s = exposure.readout_s * (0.5 * (low + high) / height - 0.5)
             rows = (low, high) if bands > 1 else None
             for number in range(blurs):
@@ -287,9 +290,7 @@ class CameraNode(RunNode):
         left, _, right = np.linalg.svd(blended)  # the nearest rotation
         return Pose(stamp_ns, before.pos_ned_m + share * (after.pos_ned_m - before.pos_ned_m), left @ right)
 
-    def _shot(
-        self, camera: Mounted, stamp_ns: int, rows: tuple[int, int] | None = None, share: float = 1.0
-    ) -> Shot:
+    def _shot(self, camera: Mounted, stamp_ns: int, rows: tuple[int, int] | None = None, share: float = 1.0) -> Shot:
         pose = self._pose(stamp_ns)
         place = pose.pos_ned_m + pose.rot_ned_frd @ np.array(camera.keys.position_frd_m)
         view = View(place, camera.gimbal.rot_ned_optical(pose.rot_ned_frd))
@@ -430,12 +431,14 @@ class CameraNode(RunNode):
             centre, turn, size = list(seen.centre_optical_m), list(seen.quat_optical_box), list(seen.size_m)
             recorder.write(
                 stamp_ns,
-                CameraTruth(name, image.number, seen.kind.label, seen.name, *seen.box_px, seen.pixels, centre, turn, size),
+                CameraTruth(
+                    name, image.number, seen.kind.label, seen.name, *seen.box_px, seen.pixels, centre, turn, size
+                ),
             )
         for one in image.detections:
             recorder.write(stamp_ns, CameraDetection(name, image.number, one.label, *one.box_px, one.confidence))
         if self._cameras[name].keys.truth:
-            recorder.message(f"/cameras/{name}/annotations", stamp_ns, annotations(image))
+            recorder.message(f"/cameras/{name}/annotations", stamp_ns, image_annotations(image))
 
 
 def calibration(lens: Lens, stamp_ns: int, frame: str) -> messages.CameraCalibration:
@@ -455,7 +458,7 @@ def calibration(lens: Lens, stamp_ns: int, frame: str) -> messages.CameraCalibra
     )
 
 
-def annotations(image: CameraImage) -> messages.ImageAnnotations:
+def image_annotations(image: CameraImage) -> messages.ImageAnnotations:
     """Return the boxes and names of the objects, for Foxglove to draw over the image."""
     stamp = timestamp(image.stamp_ns)
     colour, clear = messages.Color(r=1.0, g=0.9, b=0.1, a=1.0), messages.Color(r=0.0, g=0.0, b=0.0, a=0.5)

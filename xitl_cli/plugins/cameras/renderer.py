@@ -181,7 +181,7 @@ def faces_of(lens: Lens) -> tuple[Face, ...]:
         tangent = 0.5 * lens.width_px / lens.focal_px, 0.5 * lens.height_px / lens.focal_px
         return (Face(np.eye(3), (lens.width_px, lens.height_px), tangent, None),)
     directions = lens.all_directions()
-    seen = np.isfinite(directions).all(axis=-1)
+    seen: NDArray[np.bool_] = np.asarray(np.isfinite(directions).all(axis=-1))
     with np.errstate(invalid="ignore", divide="ignore"):
         ahead = directions[..., 2] > math.cos(math.radians(MOST_BENT_DEG))
         plane = np.abs(directions[..., :2] / directions[..., 2:])
@@ -192,7 +192,7 @@ def faces_of(lens: Lens) -> tuple[Face, ...]:
         size = round(size[0] * shrink), round(size[1] * shrink)
         return (_face(directions, seen, np.eye(3), size, tangent),)
     x, y, z = np.eye(3)
-    turns = [(x, y, z), (-z, y, x), (z, y, -x), (x, -z, y), (x, z, -y)]
+    turns = [(x, y, z), (-z, y, x), (z, y, -x), (x, -z, y), (x, z, -y), (-x, y, -z)]
     side = math.ceil(2.0 * lens.focal_px)
     largest = np.abs(np.where(seen[..., None], directions, 0.0)).max(axis=-1)
     faces, left = [], seen.copy()
@@ -222,8 +222,9 @@ def make_context() -> Any:
     except ImportError as error:
         raise UserError("cameras need moderngl; install it with: pip install 'xitl[camera]'") from error
     try:
-        return moderngl.create_context(standalone=True, backend="egl", require=430)
-    except Exception as error:  # noqa: BLE001  it raises whatever its loader meets
+        wanted: Any = {"standalone": True, "backend": "egl", "require": 430}
+        return moderngl.create_context(**wanted)
+    except Exception as error:
         raise UserError(
             f"cameras cannot draw: no OpenGL without a display ({error}); install EGL and a software renderer, on "
             "Debian and Ubuntu: apt install libegl1 libgl1-mesa-dri"
@@ -265,23 +266,23 @@ class Cells:
         single = single.view(VERTEX)
         corner = indices.reshape(-1, 3)
         cell_of = cell[sorted_triangles]
-        levels, rows, first = [corner], [], 0
+        levels, rows, kept = [corner], [], []
+        begun = 0
         for grain_m in GRAINS_M:
             # Corners in one cube of this size become one corner; triangles that vanish are left out
             cube = np.floor(single["position"] / grain_m).astype(np.int64)
             key = np.column_stack([cube, single["id"].astype(np.int64)])
             _, representative, same = np.unique(key, axis=0, return_index=True, return_inverse=True)
             levels.append(representative[same.ravel()][corner])
-        kept = []
         for level in levels:
             thick = (level[:, 0] != level[:, 1]) & (level[:, 1] != level[:, 2]) & (level[:, 2] != level[:, 0])
             counts = np.bincount(cell_of[thick], minlength=len(firsts))
             row = np.zeros((len(firsts), 5), np.uint32)
             row[:, 0], row[:, 1] = 3 * counts, 1
-            row[:, 2] = 3 * (first + np.cumsum(counts) - counts)
+            row[:, 2] = 3 * (begun + np.cumsum(counts) - counts)
             rows.append(row)
             kept.append(level[thick])
-            first += int(thick.sum())
+            begun += len(kept[-1])
         return cls(single, np.concatenate(kept).ravel().astype(np.uint32), np.stack(rows), middle, radius)
 
     def commands(self, to_clip: Array, camera_m: Array, px_per_rad: float) -> NDArray[np.uint32]:
@@ -474,6 +475,7 @@ class Renderer:
         self._set_light(world, 1.0)
         self._set_sea(view, world)
         result = np.empty((lens.height_px, lens.width_px, 3), float32)
+        result[:] = SKY_ID, np.inf, SKY_C  # where the lens has no image
         for face in target.faces:
             rotation = view.rot_ned_optical @ face.rot_optical_face
             to_clip = _projection(face.tangent) @ _homogeneous(rotation.T)
@@ -493,7 +495,6 @@ class Renderer:
             along = np.einsum("ij,nj->ni", face.rot_optical_face.T, lens.all_directions()[here])[:, 2]
             found[:, 1] *= lens.all_directions()[here][:, 2] / along
             result[here] = found
-        result[~np.isfinite(lens.all_directions()).all(axis=-1)] = (SKY_ID, np.inf, SKY_C)
         return result
 
     # Parts
@@ -501,7 +502,10 @@ class Renderer:
     def _program(self, vertex: str, fragment: str) -> Any:
         folder = files(__package__) / "shaders"
         common = (folder / "common.glsl").read_text()
-        sources = [f"#version 330\n#define TILE_M {RIPPLE_M}\n" + common + (folder / name).read_text() for name in (vertex, fragment)]
+        sources = [
+            f"#version 330\n#define TILE_M {RIPPLE_M}\n" + common + (folder / name).read_text()
+            for name in (vertex, fragment)
+        ]
         program = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
         if "Light" in program:
             program["Light"].binding = 0
@@ -545,7 +549,13 @@ class Renderer:
 
     def _draw_sky_map(self, world: Surroundings, exposure: float) -> None:
         light = world.light
-        wanted = (exposure, *light.sun_ned.tolist(), light.clouds, world.extinction_per_m, math.floor(world.time_s / 5.0))
+        wanted = (
+            exposure,
+            *light.sun_ned.tolist(),
+            light.clouds,
+            world.extinction_per_m,
+            math.floor(world.time_s / 5.0),
+        )
         if wanted != self._sky_of:
             self._sky_of = wanted
             self._sky_frame.use()
@@ -643,7 +653,9 @@ class Renderer:
         self._context.enable_only(self._context.DEPTH_TEST)
         self._context.enable_direct(0x3000)  # GL_CLIP_DISTANCE0
         self._write("model", mirrored=True)
-        self._draw_models("model", to_clip @ flip, view, world.placed, (0.0, 0.0, -1.0, still_m + 0.02), target.lens.focal_px / 4.0)
+        self._draw_models(
+            "model", to_clip @ flip, view, world.placed, (0.0, 0.0, -1.0, still_m + 0.02), target.lens.focal_px / 4.0
+        )
         self._context.disable_direct(0x3000)
         self._write("model", mirrored=False)
         target.mirrored.use(4)
@@ -657,7 +669,7 @@ class Renderer:
         keep: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
         px_per_rad: float = math.inf,
     ) -> None:
-        """Draw models. px_per_rad: resolution of the picture, for the detail of what is far away; inf for all detail."""
+        """Draw models. px_per_rad: resolution of the picture, for the detail of what is far away; inf: all detail."""
         self._write(program, to_clip=to_clip, keep=keep)
         for placed in drawn:
             loaded, at_m = self._models[placed.model], placed.pos_ned_m - view.pos_ned_m
@@ -665,9 +677,7 @@ class Renderer:
             placement[:3, :3], placement[:3, 3] = placed.rot_ned_model, at_m
             rows = loaded.cells.commands(to_clip @ placement, -at_m @ placed.rot_ned_model, px_per_rad)
             if len(rows):
-                self._write(
-                    program, rot_ned_model=placed.rot_ned_model, model_at=at_m, first_id=float(placed.first_id)
-                )
+                self._write(program, rot_ned_model=placed.rot_ned_model, model_at=at_m, first_id=float(placed.first_id))
                 loaded.commands.write(rows.tobytes())
                 loaded.arrays[program].render_indirect(loaded.commands, count=len(rows))
 
@@ -747,7 +757,9 @@ def _homogeneous(rotation: Array) -> Array:
     return matrix
 
 
-def fan(rot_ned_face: Array, tangent: tuple[float, float], height_m: float) -> tuple[NDArray[float32], NDArray[np.uint32]]:
+def fan(
+    rot_ned_face: Array, tangent: tuple[float, float], height_m: float
+) -> tuple[NDArray[float32], NDArray[np.uint32]]:
     """Return vertices (V, 4) and indices of rings about the camera: unit bearing, radius, distance to the next ring.
 
     It covers the directions that a face sees. Near rings are as far apart as a pixel sees them, far ones grow in
@@ -764,7 +776,7 @@ def fan(rot_ned_face: Array, tangent: tuple[float, float], height_m: float) -> t
         middle = math.atan2(forward[1], forward[0])
         offsets = np.angle(np.exp(1j * (np.arctan2(corners[:, 1], corners[:, 0]) - middle)))
         first, last = middle + offsets.min() - 0.05, middle + offsets.max() + 0.05
-    sectors = max(int(math.ceil((last - first) / math.radians(1.0))), 8)
+    sectors = max(math.ceil((last - first) / math.radians(1.0)), 8)
     bearing = np.linspace(first, last, sectors + 1)
     near_m = np.geomspace(max(0.15 * height_m, 0.05), NEAR_SEA_M, RINGS)
     radius = np.concatenate([[0.0], near_m, [3_000.0, 0.9 * FAR_M]])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy import float32, uint8, uint16
 from numpy.typing import NDArray
 
 from sim_core import frames
+from sim_core.frames import Array
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from xitl_cli.plugins.cameras.detector import Detector
@@ -166,15 +167,15 @@ def seen_objects(
     of_number = {number: (model, seen) for number, model, seen in known}
     instances = np.zeros(picture.shape, uint16)
     instances.ravel()[place] = index + 1
-    result = []
+    result: list[SeenObject] = []
+    turns: list[Array] = []
     for number, count, first, last in zip(found.tolist(), counts.tolist(), low.tolist(), high.tolist(), strict=True):
         model, seen = of_number[number]
         at = placed[model]
         to_optical = shot.view.rot_ned_optical.T
         centre = to_optical @ (at.pos_ned_m + at.rot_ned_model @ np.array(seen.centre_m) - shot.view.pos_ned_m)
-        turn = to_optical @ at.rot_ned_model @ seen.rot_model_box
+        turns.append(to_optical @ at.rot_ned_model @ seen.rot_model_box)
         x, y, z = centre.tolist()
-        qw, qx, qy, qz = frames.matrix_to_quat(turn).tolist()
         result.append(
             SeenObject(
                 name=seen.name,
@@ -183,11 +184,13 @@ def seen_objects(
                 pixels=count,
                 distance_m=float(np.linalg.norm(centre)),
                 centre_optical_m=(x, y, z),
-                quat_optical_box=(qw, qx, qy, qz),
+                quat_optical_box=(1.0, 0.0, 0.0, 0.0),
                 size_m=seen.size_m,
             )
         )
-    return tuple(result), instances
+    quats = frames.matrix_to_quat(np.array(turns)).tolist() if turns else []
+    turned = (replace(one, quat_optical_box=tuple(quat)) for one, quat in zip(result, quats, strict=True))
+    return tuple(turned), instances
 
 
 def horizon_px(lens: Lens, rot_ned_optical: np.ndarray[Any, Any]) -> tuple[float, float] | None:

@@ -1,0 +1,142 @@
+"""Cameras in whole runs: what is recorded, that it repeats, latency, losses, and what a user is told."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import environment
+from mcap.reader import make_reader
+
+from tests.forked_xitl import run_xitl
+from xitl_cli.logs import open_log
+
+pytestmark = pytest.mark.slow
+SMALL = ["sensors.cameras.0.width_px=160", "sensors.cameras.0.height_px=120", "world.debris.encounters.count=0"]
+EXTRA = """\
+extends: sitl-camera
+world: {debris: {encounters: {count: 0}}}
+sensors:
+  cameras:
+    - {name: front, width_px: 160, height_px: 120, rate_hz: 5, latency_s: 0.3, drop_share: 0.2,
+       exposure: {time_s: 0.02, readout_s: 0.02}}
+    - {name: range, kind: depth, width_px: 80, height_px: 60, rate_hz: 2}
+    - {name: labels, kind: segmentation, width_px: 80, height_px: 60, rate_hz: 2, pitch_deg: -6}
+    - {name: warm, kind: thermal, width_px: 80, height_px: 60, rate_hz: 2}
+    - {name: wide, width_px: 120, height_px: 120, rate_hz: 2, lens: {model: fisheye, view_deg: 180}, gimbal: {}}
+"""
+
+
+def run(folder: Path, profile: str, *words: str, sets: list[str] | None = None) -> subprocess.CompletedProcess[str]:
+    arguments = ["sim", "--profile", profile, "--out", "run", *words]
+    for one in sets or []:
+        arguments += ["--set", one]
+    return run_xitl(arguments, folder, environment(), 300.0)
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    result: dict[str, Any] = json.loads((folder / "run/summary.json").read_text())
+    return result
+
+
+def payloads(folder: Path, topic: str) -> list[tuple[int, bytes]]:
+    with (folder / "run/run.mcap").open("rb") as file:
+        return [(message.log_time, message.data) for _, _, message in make_reader(file).iter_messages(topics=[topic])]
+
+
+@pytest.fixture(scope="module")
+def several(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cameras")
+    (folder / "own.yaml").write_text(EXTRA)
+    done = run(folder, "own.yaml", "--duration", "6")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_a_run_with_a_camera_repeats_bit_for_bit(tmp_path: Path) -> None:
+    digests = []
+    for name in ("a", "b"):
+        folder = tmp_path / name
+        folder.mkdir()
+        done = run(folder, "sitl-camera", "--duration", "3", sets=SMALL)
+        assert done.returncode == 0, done.stderr
+        images = payloads(folder, "/cameras/front/image")
+        assert len(images) == 15
+        digests.append([(stamp, sha256(data).hexdigest()) for stamp, data in images])
+    assert digests[0] == digests[1]
+    assert len({digest for _, digest in digests[0]}) == 15
+
+
+def test_every_image_is_counted(several: Path) -> None:
+    cameras = summary(several)["cameras"]
+    assert cameras["renderer"]
+    counts = cameras["by_name"]
+    assert counts["front"]["images"] + counts["front"]["lost"] + counts["front"]["unfinished"] == 30
+    assert counts["front"]["lost"] > 0
+    assert counts["range"]["images"] == counts["labels"]["images"] == counts["wide"]["images"] == 12
+    for name, count in counts.items():
+        assert len(payloads(several, f"/cameras/{name}/image")) == count["images"]
+        assert count["skipped"] == count["late"] == 0
+    with open_log(several / "run/run.mcap", "") as log:
+        frames = log.tables["/cameras/frames"]
+        numbers = frames.values("image")[frames.values("camera") == "front"]
+    assert set(numbers) < set(range(1, 31))
+
+
+def test_the_kinds_hold_what_they_say(several: Path) -> None:
+    def png(topic: str) -> np.ndarray:
+        data = payloads(several, topic)[-1][1]
+        return cv2.imdecode(np.frombuffer(data[data.index(b"\x89PNG") :], np.uint8), cv2.IMREAD_UNCHANGED)
+
+    warm = png("/cameras/warm/image")
+    assert (warm.dtype, warm.shape) == (np.uint16, (60, 80))
+    celsius = 0.01 * warm - 273.15
+    assert celsius[:10].mean() == pytest.approx(-20.0, abs=0.1)  # sky
+    assert np.abs(celsius[-10:] - 24.0).min() < 0.2  # water
+    data = payloads(several, "/cameras/range/image")[-1][1]
+    assert b"32FC1" in data
+    labels = png("/cameras/labels/image")
+    assert labels.shape[:2] == (60, 80)
+
+
+def test_the_truth_is_recorded_with_each_image(several: Path) -> None:
+    with open_log(several / "run/run.mcap", "") as log:
+        truth, frames = log.tables["/cameras/truth"], log.tables["/cameras/frames"]
+        here = truth.values("camera") == "labels"
+        assert {"boom", "dam"} <= set(truth.values("label")[here])
+        left, right = truth.values("left_px"), truth.values("right_px")
+        assert ((right > left) & (left >= -0.5)).all()
+        of_front = frames.values("camera") == "labels"
+        horizon = frames.values("horizon_left_px")[of_front]
+    # 70 degrees across 80 pixels, 6 degrees down
+    assert np.median(horizon) == pytest.approx(29.5 - 57.1 * np.tan(np.radians(6.0)), abs=4.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "wanted"),
+    [
+        ("sensors.cameras.0.rate_hz=7", "sensors.cameras.0.rate_hz = 7 does not divide the physics rate"),
+        ("sensors.cameras.0.lens.view_deg=170", "too wide for a pinhole"),
+        ("sensors.cameras.0.name=Bow Camera", "cannot be part of a topic"),
+        ("sensors.cameras.0.detector=best", "best: no installed package registers it in xitl.detectors"),
+    ],
+)
+def test_a_wrong_key_is_named(tmp_path: Path, key: str, wanted: str) -> None:
+    done = run(tmp_path, "sitl-camera", "--duration", "1", sets=[key])
+    assert done.returncode == 2
+    assert wanted in done.stderr
+
+
+def test_without_opengl_it_says_what_to_install(tmp_path: Path) -> None:
+    words = ["sim", "--profile", "sitl-camera", "--duration", "1", "--out", "run"]
+    without = {**environment(), "EGL_PLATFORM": "none", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere"}
+    done = run_xitl(words, tmp_path, without, 120.0)
+    assert done.returncode == 2
+    assert "apt install libegl1 libgl1-mesa-dri" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
