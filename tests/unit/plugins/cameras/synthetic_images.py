@@ -24,6 +24,17 @@ BUOY = SeenObject(
     (1.0, 0.0, 0.0, 0.0),
     (0.5, 0.5, 0.9),
 )
+OWN = SeenObject(
+    "sitl",
+    ObjectClass.OWN_VESSEL,
+    (-0.5, 59.5, 95.5, 63.5),
+    384,
+    1.0,
+    (0.0, 1.0, 0.5),
+    (1.0, 0.0, 0.0, 0.0),
+    (4.0, 1.5, 1.2),
+)
+"""Part of every image, and therefore no object of a training set."""
 
 
 def make_image(spec: CameraSpec, number: int, noise: int = 0) -> CameraImage:
@@ -55,7 +66,7 @@ def make_image(spec: CameraSpec, number: int, noise: int = 0) -> CameraImage:
         lens=Lens.from_spec(spec.lens, width, height),
         pos_ned_m=np.array([1.0, 2.0, -1.5]),
         rot_ned_optical=np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-        objects=(VESSEL, BUOY),
+        objects=(VESSEL, BUOY, OWN),
         instances=instances,
         horizon_px=(10.0, 12.0),
         encoded=encoded(spec.kind, pixels, spec.quality),
