@@ -52,6 +52,10 @@ class NodeContext:
     parts: Mapping[type, Any] = field(default_factory=dict)
     """The objects that `NodeKind.needs` asks for, by type."""
 
+    components_url: str = ""
+    """Address at which MAVLink components of the vessel, such as cameras, reach its ground stations. Open a `Link`
+    there with `profile.autopilot.system_id` and another component than the autopilot. Empty without ground stations."""
+
 
 @dataclass(frozen=True, slots=True)
 class NodeKind:

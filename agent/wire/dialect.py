@@ -1280,6 +1280,16 @@ MAVLINK_MSG_ID_BAD_DATA = -1
 MAVLINK_MSG_ID_UNKNOWN = -2
 MAVLINK_MSG_ID_ADSB_VEHICLE = 246
 MAVLINK_MSG_ID_AIS_VESSEL = 301
+MAVLINK_MSG_ID_CAMERA_INFORMATION = 259
+MAVLINK_MSG_ID_CAMERA_SETTINGS = 260
+MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS = 262
+MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION = 269
+MAVLINK_MSG_ID_VIDEO_STREAM_STATUS = 270
+MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION = 280
+MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS = 281
+MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE = 282
+MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS = 285
+MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW = 287
 MAVLINK_MSG_ID_HEARTBEAT = 0
 MAVLINK_MSG_ID_SYS_STATUS = 1
 MAVLINK_MSG_ID_SYSTEM_TIME = 2
@@ -1483,6 +1493,474 @@ class MAVLink_ais_vessel_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_ais_vessel_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_camera_information_message(MAVLink_message):
+    """
+    Of a camera: its name, sensor and abilities.
+    """
+
+    id = MAVLINK_MSG_ID_CAMERA_INFORMATION
+    msgname = "CAMERA_INFORMATION"
+    fieldnames = ["time_boot_ms", "vendor_name", "model_name", "firmware_version", "focal_length", "sensor_size_h", "sensor_size_v", "resolution_h", "resolution_v", "lens_id", "flags", "cam_definition_version", "cam_definition_uri", "gimbal_device_id", "camera_device_id"]
+    ordered_fieldnames = ["time_boot_ms", "firmware_version", "focal_length", "sensor_size_h", "sensor_size_v", "flags", "resolution_h", "resolution_v", "cam_definition_version", "vendor_name", "model_name", "lens_id", "cam_definition_uri", "gimbal_device_id", "camera_device_id"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint32_t", "float", "float", "float", "uint16_t", "uint16_t", "uint8_t", "uint32_t", "uint16_t", "char", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "focal_length": "mm", "sensor_size_h": "mm", "sensor_size_v": "mm", "resolution_h": "pix", "resolution_v": "pix"}
+    native_format = bytearray(b"<IIfffIHHHBBBcBB")
+    orders = [0, 9, 10, 1, 2, 3, 4, 6, 7, 11, 5, 8, 12, 13, 14]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 32, 32, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 32, 32, 0, 140, 0, 0]
+    crc_extra = 92
+    unpacker = struct.Struct("<IIfffIHHH32B32BB140sBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, vendor_name: Sequence[int], model_name: Sequence[int], firmware_version: int, focal_length: float, sensor_size_h: float, sensor_size_v: float, resolution_h: int, resolution_v: int, lens_id: int, flags: int, cam_definition_version: int, cam_definition_uri: bytes, gimbal_device_id: int = 0, camera_device_id: int = 0):
+        MAVLink_message.__init__(self, MAVLink_camera_information_message.id, MAVLink_camera_information_message.msgname)
+        self._fieldnames = MAVLink_camera_information_message.fieldnames
+        self._instance_field = MAVLink_camera_information_message.instance_field
+        self._instance_offset = MAVLink_camera_information_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.vendor_name = vendor_name
+        self.model_name = model_name
+        self.firmware_version = firmware_version
+        self.focal_length = focal_length
+        self.sensor_size_h = sensor_size_h
+        self.sensor_size_v = sensor_size_v
+        self.resolution_h = resolution_h
+        self.resolution_v = resolution_v
+        self.lens_id = lens_id
+        self.flags = flags
+        self.cam_definition_version = cam_definition_version
+        self._cam_definition_uri_raw = cam_definition_uri
+        self.cam_definition_uri = cam_definition_uri.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.gimbal_device_id = gimbal_device_id
+        self.camera_device_id = camera_device_id
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.firmware_version, self.focal_length, self.sensor_size_h, self.sensor_size_v, self.flags, self.resolution_h, self.resolution_v, self.cam_definition_version, self.vendor_name[0], self.vendor_name[1], self.vendor_name[2], self.vendor_name[3], self.vendor_name[4], self.vendor_name[5], self.vendor_name[6], self.vendor_name[7], self.vendor_name[8], self.vendor_name[9], self.vendor_name[10], self.vendor_name[11], self.vendor_name[12], self.vendor_name[13], self.vendor_name[14], self.vendor_name[15], self.vendor_name[16], self.vendor_name[17], self.vendor_name[18], self.vendor_name[19], self.vendor_name[20], self.vendor_name[21], self.vendor_name[22], self.vendor_name[23], self.vendor_name[24], self.vendor_name[25], self.vendor_name[26], self.vendor_name[27], self.vendor_name[28], self.vendor_name[29], self.vendor_name[30], self.vendor_name[31], self.model_name[0], self.model_name[1], self.model_name[2], self.model_name[3], self.model_name[4], self.model_name[5], self.model_name[6], self.model_name[7], self.model_name[8], self.model_name[9], self.model_name[10], self.model_name[11], self.model_name[12], self.model_name[13], self.model_name[14], self.model_name[15], self.model_name[16], self.model_name[17], self.model_name[18], self.model_name[19], self.model_name[20], self.model_name[21], self.model_name[22], self.model_name[23], self.model_name[24], self.model_name[25], self.model_name[26], self.model_name[27], self.model_name[28], self.model_name[29], self.model_name[30], self.model_name[31], self.lens_id, self._cam_definition_uri_raw, self.gimbal_device_id, self.camera_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_camera_information_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_camera_settings_message(MAVLink_message):
+    """
+    Settings of a camera.
+    """
+
+    id = MAVLINK_MSG_ID_CAMERA_SETTINGS
+    msgname = "CAMERA_SETTINGS"
+    fieldnames = ["time_boot_ms", "mode_id", "zoomLevel", "focusLevel", "camera_device_id"]
+    ordered_fieldnames = ["time_boot_ms", "mode_id", "zoomLevel", "focusLevel", "camera_device_id"]
+    fieldtypes = ["uint32_t", "uint8_t", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms"}
+    native_format = bytearray(b"<IBffB")
+    orders = [0, 1, 2, 3, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 146
+    unpacker = struct.Struct("<IBffB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, mode_id: int, zoomLevel: float = 0, focusLevel: float = 0, camera_device_id: int = 0):
+        MAVLink_message.__init__(self, MAVLink_camera_settings_message.id, MAVLink_camera_settings_message.msgname)
+        self._fieldnames = MAVLink_camera_settings_message.fieldnames
+        self._instance_field = MAVLink_camera_settings_message.instance_field
+        self._instance_offset = MAVLink_camera_settings_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.mode_id = mode_id
+        self.zoomLevel = zoomLevel
+        self.focusLevel = focusLevel
+        self.camera_device_id = camera_device_id
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.mode_id, self.zoomLevel, self.focusLevel, self.camera_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_camera_settings_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_camera_capture_status_message(MAVLink_message):
+    """
+    What a camera stores now.
+    """
+
+    id = MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS
+    msgname = "CAMERA_CAPTURE_STATUS"
+    fieldnames = ["time_boot_ms", "image_status", "video_status", "image_interval", "recording_time_ms", "available_capacity", "image_count", "camera_device_id"]
+    ordered_fieldnames = ["time_boot_ms", "image_interval", "recording_time_ms", "available_capacity", "image_status", "video_status", "image_count", "camera_device_id"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "float", "uint32_t", "float", "int32_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "image_interval": "s", "recording_time_ms": "ms", "available_capacity": "MiB"}
+    native_format = bytearray(b"<IfIfBBiB")
+    orders = [0, 4, 5, 1, 2, 3, 6, 7]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 12
+    unpacker = struct.Struct("<IfIfBBiB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, image_status: int, video_status: int, image_interval: float, recording_time_ms: int, available_capacity: float, image_count: int = 0, camera_device_id: int = 0):
+        MAVLink_message.__init__(self, MAVLink_camera_capture_status_message.id, MAVLink_camera_capture_status_message.msgname)
+        self._fieldnames = MAVLink_camera_capture_status_message.fieldnames
+        self._instance_field = MAVLink_camera_capture_status_message.instance_field
+        self._instance_offset = MAVLink_camera_capture_status_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.image_status = image_status
+        self.video_status = video_status
+        self.image_interval = image_interval
+        self.recording_time_ms = recording_time_ms
+        self.available_capacity = available_capacity
+        self.image_count = image_count
+        self.camera_device_id = camera_device_id
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.image_interval, self.recording_time_ms, self.available_capacity, self.image_status, self.video_status, self.image_count, self.camera_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_camera_capture_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_video_stream_information_message(MAVLink_message):
+    """
+    Where a video stream is.
+    """
+
+    id = MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION
+    msgname = "VIDEO_STREAM_INFORMATION"
+    fieldnames = ["stream_id", "count", "type", "flags", "framerate", "resolution_h", "resolution_v", "bitrate", "rotation", "hfov", "name", "uri", "encoding", "camera_device_id"]
+    ordered_fieldnames = ["framerate", "bitrate", "flags", "resolution_h", "resolution_v", "rotation", "hfov", "stream_id", "count", "type", "name", "uri", "encoding", "camera_device_id"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint16_t", "float", "uint16_t", "uint16_t", "uint32_t", "uint16_t", "uint16_t", "char", "char", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"framerate": "Hz", "resolution_h": "pix", "resolution_v": "pix", "bitrate": "bits/s", "rotation": "deg", "hfov": "deg"}
+    native_format = bytearray(b"<fIHHHHHBBBccBB")
+    orders = [7, 8, 9, 2, 0, 3, 4, 1, 5, 6, 10, 11, 12, 13]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 32, 160, 0, 0]
+    crc_extra = 109
+    unpacker = struct.Struct("<fIHHHHHBBB32s160sBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, stream_id: int, count: int, type: int, flags: int, framerate: float, resolution_h: int, resolution_v: int, bitrate: int, rotation: int, hfov: int, name: bytes, uri: bytes, encoding: int = 0, camera_device_id: int = 0):
+        MAVLink_message.__init__(self, MAVLink_video_stream_information_message.id, MAVLink_video_stream_information_message.msgname)
+        self._fieldnames = MAVLink_video_stream_information_message.fieldnames
+        self._instance_field = MAVLink_video_stream_information_message.instance_field
+        self._instance_offset = MAVLink_video_stream_information_message.instance_offset
+        self.stream_id = stream_id
+        self.count = count
+        self.type = type
+        self.flags = flags
+        self.framerate = framerate
+        self.resolution_h = resolution_h
+        self.resolution_v = resolution_v
+        self.bitrate = bitrate
+        self.rotation = rotation
+        self.hfov = hfov
+        self._name_raw = name
+        self.name = name.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self._uri_raw = uri
+        self.uri = uri.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.encoding = encoding
+        self.camera_device_id = camera_device_id
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.framerate, self.bitrate, self.flags, self.resolution_h, self.resolution_v, self.rotation, self.hfov, self.stream_id, self.count, self.type, self._name_raw, self._uri_raw, self.encoding, self.camera_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_video_stream_information_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_video_stream_status_message(MAVLink_message):
+    """
+    State of a video stream.
+    """
+
+    id = MAVLINK_MSG_ID_VIDEO_STREAM_STATUS
+    msgname = "VIDEO_STREAM_STATUS"
+    fieldnames = ["stream_id", "flags", "framerate", "resolution_h", "resolution_v", "bitrate", "rotation", "hfov", "camera_device_id"]
+    ordered_fieldnames = ["framerate", "bitrate", "flags", "resolution_h", "resolution_v", "rotation", "hfov", "stream_id", "camera_device_id"]
+    fieldtypes = ["uint8_t", "uint16_t", "float", "uint16_t", "uint16_t", "uint32_t", "uint16_t", "uint16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"framerate": "Hz", "resolution_h": "pix", "resolution_v": "pix", "bitrate": "bits/s", "rotation": "deg", "hfov": "deg"}
+    native_format = bytearray(b"<fIHHHHHBB")
+    orders = [7, 2, 0, 3, 4, 1, 5, 6, 8]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 59
+    unpacker = struct.Struct("<fIHHHHHBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, stream_id: int, flags: int, framerate: float, resolution_h: int, resolution_v: int, bitrate: int, rotation: int, hfov: int, camera_device_id: int = 0):
+        MAVLink_message.__init__(self, MAVLink_video_stream_status_message.id, MAVLink_video_stream_status_message.msgname)
+        self._fieldnames = MAVLink_video_stream_status_message.fieldnames
+        self._instance_field = MAVLink_video_stream_status_message.instance_field
+        self._instance_offset = MAVLink_video_stream_status_message.instance_offset
+        self.stream_id = stream_id
+        self.flags = flags
+        self.framerate = framerate
+        self.resolution_h = resolution_h
+        self.resolution_v = resolution_v
+        self.bitrate = bitrate
+        self.rotation = rotation
+        self.hfov = hfov
+        self.camera_device_id = camera_device_id
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.framerate, self.bitrate, self.flags, self.resolution_h, self.resolution_v, self.rotation, self.hfov, self.stream_id, self.camera_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_video_stream_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_gimbal_manager_information_message(MAVLink_message):
+    """
+    Abilities of a gimbal.
+    """
+
+    id = MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
+    msgname = "GIMBAL_MANAGER_INFORMATION"
+    fieldnames = ["time_boot_ms", "cap_flags", "gimbal_device_id", "roll_min", "roll_max", "pitch_min", "pitch_max", "yaw_min", "yaw_max"]
+    ordered_fieldnames = ["time_boot_ms", "cap_flags", "roll_min", "roll_max", "pitch_min", "pitch_max", "yaw_min", "yaw_max", "gimbal_device_id"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint8_t", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "roll_min": "rad", "roll_max": "rad", "pitch_min": "rad", "pitch_max": "rad", "yaw_min": "rad", "yaw_max": "rad"}
+    native_format = bytearray(b"<IIffffffB")
+    orders = [0, 1, 8, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 70
+    unpacker = struct.Struct("<IIffffffB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, cap_flags: int, gimbal_device_id: int, roll_min: float, roll_max: float, pitch_min: float, pitch_max: float, yaw_min: float, yaw_max: float):
+        MAVLink_message.__init__(self, MAVLink_gimbal_manager_information_message.id, MAVLink_gimbal_manager_information_message.msgname)
+        self._fieldnames = MAVLink_gimbal_manager_information_message.fieldnames
+        self._instance_field = MAVLink_gimbal_manager_information_message.instance_field
+        self._instance_offset = MAVLink_gimbal_manager_information_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.cap_flags = cap_flags
+        self.gimbal_device_id = gimbal_device_id
+        self.roll_min = roll_min
+        self.roll_max = roll_max
+        self.pitch_min = pitch_min
+        self.pitch_max = pitch_max
+        self.yaw_min = yaw_min
+        self.yaw_max = yaw_max
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.cap_flags, self.roll_min, self.roll_max, self.pitch_min, self.pitch_max, self.yaw_min, self.yaw_max, self.gimbal_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_gimbal_manager_information_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_gimbal_manager_status_message(MAVLink_message):
+    """
+    Who controls a gimbal.
+    """
+
+    id = MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
+    msgname = "GIMBAL_MANAGER_STATUS"
+    fieldnames = ["time_boot_ms", "flags", "gimbal_device_id", "primary_control_sysid", "primary_control_compid", "secondary_control_sysid", "secondary_control_compid"]
+    ordered_fieldnames = ["time_boot_ms", "flags", "gimbal_device_id", "primary_control_sysid", "primary_control_compid", "secondary_control_sysid", "secondary_control_compid"]
+    fieldtypes = ["uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms"}
+    native_format = bytearray(b"<IIBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 48
+    unpacker = struct.Struct("<IIBBBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, flags: int, gimbal_device_id: int, primary_control_sysid: int, primary_control_compid: int, secondary_control_sysid: int, secondary_control_compid: int):
+        MAVLink_message.__init__(self, MAVLink_gimbal_manager_status_message.id, MAVLink_gimbal_manager_status_message.msgname)
+        self._fieldnames = MAVLink_gimbal_manager_status_message.fieldnames
+        self._instance_field = MAVLink_gimbal_manager_status_message.instance_field
+        self._instance_offset = MAVLink_gimbal_manager_status_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.flags = flags
+        self.gimbal_device_id = gimbal_device_id
+        self.primary_control_sysid = primary_control_sysid
+        self.primary_control_compid = primary_control_compid
+        self.secondary_control_sysid = secondary_control_sysid
+        self.secondary_control_compid = secondary_control_compid
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.flags, self.gimbal_device_id, self.primary_control_sysid, self.primary_control_compid, self.secondary_control_sysid, self.secondary_control_compid), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_gimbal_manager_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_gimbal_manager_set_attitude_message(MAVLink_message):
+    """
+    Turn a gimbal.
+    """
+
+    id = MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE
+    msgname = "GIMBAL_MANAGER_SET_ATTITUDE"
+    fieldnames = ["target_system", "target_component", "flags", "gimbal_device_id", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z"]
+    ordered_fieldnames = ["flags", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z", "target_system", "target_component", "gimbal_device_id"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint32_t", "uint8_t", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"angular_velocity_x": "rad/s", "angular_velocity_y": "rad/s", "angular_velocity_z": "rad/s"}
+    native_format = bytearray(b"<IffffBBB")
+    orders = [5, 6, 0, 7, 1, 2, 3, 4]
+    lengths = [1, 4, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 4, 0, 0, 0, 0, 0, 0]
+    crc_extra = 123
+    unpacker = struct.Struct("<I4ffffBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, flags: int, gimbal_device_id: int, q: Sequence[float], angular_velocity_x: float, angular_velocity_y: float, angular_velocity_z: float):
+        MAVLink_message.__init__(self, MAVLink_gimbal_manager_set_attitude_message.id, MAVLink_gimbal_manager_set_attitude_message.msgname)
+        self._fieldnames = MAVLink_gimbal_manager_set_attitude_message.fieldnames
+        self._instance_field = MAVLink_gimbal_manager_set_attitude_message.instance_field
+        self._instance_offset = MAVLink_gimbal_manager_set_attitude_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.flags = flags
+        self.gimbal_device_id = gimbal_device_id
+        self.q = q
+        self.angular_velocity_x = angular_velocity_x
+        self.angular_velocity_y = angular_velocity_y
+        self.angular_velocity_z = angular_velocity_z
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.flags, self.q[0], self.q[1], self.q[2], self.q[3], self.angular_velocity_x, self.angular_velocity_y, self.angular_velocity_z, self.target_system, self.target_component, self.gimbal_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_gimbal_manager_set_attitude_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_gimbal_device_attitude_status_message(MAVLink_message):
+    """
+    Attitude of a gimbal.
+    """
+
+    id = MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
+    msgname = "GIMBAL_DEVICE_ATTITUDE_STATUS"
+    fieldnames = ["target_system", "target_component", "time_boot_ms", "flags", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z", "failure_flags", "delta_yaw", "delta_yaw_velocity", "gimbal_device_id"]
+    ordered_fieldnames = ["time_boot_ms", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z", "failure_flags", "flags", "target_system", "target_component", "delta_yaw", "delta_yaw_velocity", "gimbal_device_id"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint32_t", "uint16_t", "float", "float", "float", "float", "uint32_t", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "angular_velocity_x": "rad/s", "angular_velocity_y": "rad/s", "angular_velocity_z": "rad/s", "delta_yaw": "rad", "delta_yaw_velocity": "rad/s"}
+    native_format = bytearray(b"<IffffIHBBffB")
+    orders = [7, 8, 0, 6, 1, 2, 3, 4, 5, 9, 10, 11]
+    lengths = [1, 4, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 137
+    unpacker = struct.Struct("<I4ffffIHBBffB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, time_boot_ms: int, flags: int, q: Sequence[float], angular_velocity_x: float, angular_velocity_y: float, angular_velocity_z: float, failure_flags: int, delta_yaw: float = 0, delta_yaw_velocity: float = 0, gimbal_device_id: int = 0):
+        MAVLink_message.__init__(self, MAVLink_gimbal_device_attitude_status_message.id, MAVLink_gimbal_device_attitude_status_message.msgname)
+        self._fieldnames = MAVLink_gimbal_device_attitude_status_message.fieldnames
+        self._instance_field = MAVLink_gimbal_device_attitude_status_message.instance_field
+        self._instance_offset = MAVLink_gimbal_device_attitude_status_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.time_boot_ms = time_boot_ms
+        self.flags = flags
+        self.q = q
+        self.angular_velocity_x = angular_velocity_x
+        self.angular_velocity_y = angular_velocity_y
+        self.angular_velocity_z = angular_velocity_z
+        self.failure_flags = failure_flags
+        self.delta_yaw = delta_yaw
+        self.delta_yaw_velocity = delta_yaw_velocity
+        self.gimbal_device_id = gimbal_device_id
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.q[0], self.q[1], self.q[2], self.q[3], self.angular_velocity_x, self.angular_velocity_y, self.angular_velocity_z, self.failure_flags, self.flags, self.target_system, self.target_component, self.delta_yaw, self.delta_yaw_velocity, self.gimbal_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_gimbal_device_attitude_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_gimbal_manager_set_pitchyaw_message(MAVLink_message):
+    """
+    Turn a gimbal.
+    """
+
+    id = MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW
+    msgname = "GIMBAL_MANAGER_SET_PITCHYAW"
+    fieldnames = ["target_system", "target_component", "flags", "gimbal_device_id", "pitch", "yaw", "pitch_rate", "yaw_rate"]
+    ordered_fieldnames = ["flags", "pitch", "yaw", "pitch_rate", "yaw_rate", "target_system", "target_component", "gimbal_device_id"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint32_t", "uint8_t", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"pitch": "rad", "yaw": "rad", "pitch_rate": "rad/s", "yaw_rate": "rad/s"}
+    native_format = bytearray(b"<IffffBBB")
+    orders = [5, 6, 0, 7, 1, 2, 3, 4]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 1
+    unpacker = struct.Struct("<IffffBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, flags: int, gimbal_device_id: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float):
+        MAVLink_message.__init__(self, MAVLink_gimbal_manager_set_pitchyaw_message.id, MAVLink_gimbal_manager_set_pitchyaw_message.msgname)
+        self._fieldnames = MAVLink_gimbal_manager_set_pitchyaw_message.fieldnames
+        self._instance_field = MAVLink_gimbal_manager_set_pitchyaw_message.instance_field
+        self._instance_offset = MAVLink_gimbal_manager_set_pitchyaw_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.flags = flags
+        self.gimbal_device_id = gimbal_device_id
+        self.pitch = pitch
+        self.yaw = yaw
+        self.pitch_rate = pitch_rate
+        self.yaw_rate = yaw_rate
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.flags, self.pitch, self.yaw, self.pitch_rate, self.yaw_rate, self.target_system, self.target_component, self.gimbal_device_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_gimbal_manager_set_pitchyaw_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -5822,6 +6300,16 @@ setattr(MAVLink_xitl_companion_status_message, "name", mavlink_msg_deprecated_na
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_ADSB_VEHICLE: MAVLink_adsb_vehicle_message,
     MAVLINK_MSG_ID_AIS_VESSEL: MAVLink_ais_vessel_message,
+    MAVLINK_MSG_ID_CAMERA_INFORMATION: MAVLink_camera_information_message,
+    MAVLINK_MSG_ID_CAMERA_SETTINGS: MAVLink_camera_settings_message,
+    MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: MAVLink_camera_capture_status_message,
+    MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION: MAVLink_video_stream_information_message,
+    MAVLINK_MSG_ID_VIDEO_STREAM_STATUS: MAVLink_video_stream_status_message,
+    MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: MAVLink_gimbal_manager_information_message,
+    MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: MAVLink_gimbal_manager_status_message,
+    MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE: MAVLink_gimbal_manager_set_attitude_message,
+    MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: MAVLink_gimbal_device_attitude_status_message,
+    MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW: MAVLink_gimbal_manager_set_pitchyaw_message,
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
     MAVLINK_MSG_ID_SYSTEM_TIME: MAVLink_system_time_message,
@@ -6315,4 +6803,4 @@ class MAVLink(object):
 
 
 
-MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 330: 158, 331: 230, 54000: 43, 54006: 62, 54007: 28, 54009: 88}  # of messages with extensions
+MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 259: 235, 260: 5, 262: 18, 269: 213, 270: 19, 285: 40, 330: 158, 331: 230, 54000: 43, 54006: 62, 54007: 28, 54009: 88}  # of messages with extensions

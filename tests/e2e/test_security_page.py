@@ -40,12 +40,14 @@ CLUSTER, STATUS = "`xitl campaign`, scheduler and workers", "`xitl campaign`, Da
 PLAYED = "`xitl view`"
 STATIONS = "ground stations of a run or of `xitl agent --gcs`"
 ROUTER = "router of a fleet's ground stations"
+COMPONENTS = "the same router, for cameras and other components"
 UDP_AGENT, TCP_AGENT = "agent that a run starts, over UDP", "agent that a run starts, over TCP"
 UDP_LINK, TCP_LINK = "`xitl agent --link udp://…`", "`xitl agent --link tcp://…`"
 CAN = "CAN bus `udp_multicast`"
 ARDUPILOT_WORLD = "world for an ArduPilot, `autopilot.bridge.world`"
 PX4_WORLD = "world for a PX4, `autopilot.bridge.sensor_link`"
 SONAR = "sonar for programs, `sensors.sonar.serve`"
+CAMERAS = "images of cameras, `sensors.cameras.N.serve`"
 LAUNCH = "`xitl world launch`, `world.debris.control`"
 VEHICLE = "`xitl params`, `xitl vehicle` at `udp://` of this machine"
 TWIN = "`xitl twin --boat udp://…`"
@@ -199,13 +201,14 @@ SOURCES = {
     "xitl_cli/plugins/ros/tcpros/slave.py": {ROS1},
     "xitl_cli/plugins/ros/tcpros_middleware.py": {ROS1},
     "xitl_cli/run/links/launch_requests.py": {LAUNCH},
-    "xitl_cli/run/links/router.py": {STATIONS, ROUTER},
+    "xitl_cli/run/links/router.py": {STATIONS, ROUTER, COMPONENTS},
     "xitl_cli/plugins/view/live_foxglove.py": {INNER},
     "xitl_cli/plugins/view/live_gate.py": {FOXGLOVE},
     "xitl_cli/run/nodes/ais.py": {"AIS line of an ArduPilot"},
     "xitl_cli/run/sensors/ping360.py": {SONAR},
     "xitl_cli/plugins/view/replay.py": {"server that renders for `xitl view --html`, `--png` and `--gif`"},
-    "xitl_cli/plugins/view/server.py": {VIEW, PLAYED},
+    "xitl_cli/http_access.py": {VIEW, PLAYED, FOXGLOVE, CAMERAS},
+    "xitl_cli/plugins/cameras/stream.py": {CAMERAS},
 }
 """Files that open a listening socket, and the rows of the page that describe it."""
 PROBES = {

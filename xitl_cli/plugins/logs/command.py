@@ -130,7 +130,8 @@ def export(
     file_format: Annotated[
         str,
         typer.Option(
-            "--format", help="csv, parquet, mcap, rosbag2-mcap, rosbag2-sqlite3, rosbag1 or a format of a package."
+            "--format",
+            help="csv, parquet, mcap, rosbag2-mcap, rosbag2-sqlite3, rosbag1, coco, yolo or a format of a package.",
         ),
     ] = "csv",
     out: Annotated[

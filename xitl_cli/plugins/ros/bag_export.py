@@ -116,7 +116,8 @@ def _write_messages(
     if profiles:
         conversion = RosConversion([profile for profile in profiles if log.vessel in ("", profile.vessel)])
         others = tuple(f"/{name}/" for name in log.vessels if log.vessel and name != log.vessel)
-        types, messages = known_types(), _recording_messages(log.path, conversion, wanted, others)
+        types = recorded_types(log.path)
+        messages = _recording_messages(log.path, conversion, types, wanted, others)
         about = "times count from the run's start, as in its /clock"
     else:
         rows = LogRows(log, wanted)
@@ -144,12 +145,20 @@ def _write_messages(
     return (bag.messages, bag.topics), about
 
 
+def recorded_types(path: Path) -> MessageTypes:
+    """Return the types of ROS, xitl, and the plug-ins whose topics are in a recording."""
+    known = known_types().ros2.fielddefs
+    further = {name: text for name, text in ros_topics(path).values() if name not in known}
+    return MessageTypes(further) if further else known_types()
+
+
 def _recording_messages(
-    path: Path, conversion: RosConversion, wanted: ExportSelection, others: tuple[str, ...]
+    path: Path, conversion: RosConversion, types: MessageTypes, wanted: ExportSelection, others: tuple[str, ...]
 ) -> Iterator[BagMessage]:
     """Yield messages. Latched messages are at the beginning, also of a later time span. others: prefixes of excluded
     topics.
     """
+    known = types.ros2.fielddefs
     latched = {
         (message.topic.name, message.vessel): BagMessage(
             message.topic.full_name(message.vessel), message.topic.type, message.cdr, 0, message.topic.qos
@@ -166,7 +175,7 @@ def _recording_messages(
         if not before and not begun:
             begun = True
             yield from (message._replace(stamp_ns=stamp_ns) for message in latched.values())
-        if type_name and not before:
+        if type_name in known and not before:
             yield BagMessage(topic, type_name, payload, stamp_ns, recorded=topic)
         for message in conversion.convert(topic, payload, stamp_ns):
             name, qos = message.topic.full_name(message.vessel), message.topic.qos

@@ -23,9 +23,17 @@ from sim_core.frames import ned_to_enu
 from sim_core.geodesy import LocalFrame
 from sim_core.sensors.spec import LidarSpec
 from xitl_cli.plugins.ros import instruments, msg
+from xitl_cli.plugins.ros.camera_messages import (
+    camera_frame,
+    camera_messages,
+    camera_of_topic,
+    camera_topics,
+    cameras_of,
+)
 from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.plugins.ros.diagnostics import Diagnostics
 from xitl_cli.plugins.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
+from xitl_cli.plugins.ros.gimbal_frames import FRAMES, GimbalFrames, TurnedFrame
 from xitl_cli.plugins.ros.outputs import (
     ANSWERS_LINK,
     DIAGNOSED,
@@ -134,7 +142,7 @@ class RosConversion:
             for vessel in self._vessels:
                 prefix = f"/{vessel.name}" if vessel.name else ""
                 if topic.startswith(f"{prefix}/"):
-                    handler = handler or vessel.handlers.get(topic.removeprefix(prefix))
+                    handler = handler or vessel.handler(topic.removeprefix(prefix))
             if topic in DIAGNOSED:  # of the host, in a run of several vessels
                 handler = handler or self._vessels[0].handlers[topic]
             self._handlers[topic] = handler
@@ -164,6 +172,7 @@ class VesselConversion:
             frames.insert(0, FixedFrame(MAP_FRAME, ODOM_FRAME, (0.0, 0.0, 0.0)))
         self.fixed_frames = tuple(named_frame(frame, self.name) for frame in frames)
         self._frame = LocalFrame(profile.site.latitude_deg, profile.site.longitude_deg, profile.site.altitude_m)
+        self._gimbals = GimbalFrames(cameras_of(profile))
         self._attitude = AttitudeCarry()
         self._diagnostics = Diagnostics()
         self._estimate_ns = -1
@@ -182,6 +191,8 @@ class VesselConversion:
             TRUE_STATE: self._state,
             **{topic: partial(self._diagnose, topic) for topic in DIAGNOSED},
         }
+        if self._gimbals.wanted:
+            handlers[FRAMES] = self._camera_frame
         sensors, self._instruments = profile.sensors, None
         if sensors is not None:
             frame_of = {frame.name: instruments.CloudFrame(frame) for frame in sensor_frames(profile)}
@@ -198,7 +209,13 @@ class VesselConversion:
         for topic, users in self._users.items():
             handlers[topic] = partial(self._with_users, handlers.get(topic), users)
         self.handlers = handlers
-        """By recorded topic without the vessel's name."""
+        """By recorded topic without the vessel's name, except those of cameras."""
+
+    def handler(self, topic: str) -> Callable[[bytes, int], Iterable[RosMessage]] | None:
+        """Return the handler of a recorded topic without the vessel's name, None for a topic without an output."""
+        if camera := camera_of_topic(topic):
+            return partial(self._camera, topic, camera)
+        return self.handlers.get(topic)
 
     def topics(self) -> Iterator[RosTopic]:
         """Yield its topics."""
@@ -220,6 +237,8 @@ class VesselConversion:
         if sensors is not None and sensors.sonar is not None:
             names += ["sonar/points", "sonar/echo"]
         yield from (self._named[name] for name in names)
+        for camera in cameras_of(self._profile):
+            yield from (self._named[name].of(camera.name) for name in camera_topics(camera))
         yield from (self._named["thrusters/{thruster}/state"].of(thruster.name) for thruster in self._thrusters)
         if self._instruments is not None:
             yield from (self._named[instruments.RANGE].of(part) for part in self._instruments.rangefinders)
@@ -290,9 +309,22 @@ class VesselConversion:
 
     def _truth(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         yield RosMessage(self._named["ground_truth/odom"], self.name, payload, stamp_ns)
+        if self._moved_by != "truth" and not self._gimbals.wanted:
+            return
+        pose = deserialize(payload, OUTPUTS["odometry"].type).pose.pose
         if self._moved_by == "truth":
-            odometry = deserialize(payload, OUTPUTS["odometry"].type)
-            yield self._moved(stamp_ns, odometry.pose.pose)
+            yield self._moved(stamp_ns, pose)
+        turn = pose.orientation
+        yield from self._turned(self._gimbals.attitude(stamp_ns, np.array([turn.w, turn.x, turn.y, turn.z])))
+
+    def _turned(self, frames: Iterable[TurnedFrame]) -> Iterable[RosMessage]:
+        """Yield the transforms of cameras on gimbals."""
+        for stamp_ns, frame in frames:
+            transform = _transform(named_frame(frame, self.name), stamp_ns)
+            yield self._message("/tf", msg.TFMessage(transforms=[transform]), stamp_ns)
+
+    def _camera_frame(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        return self._turned(self._gimbals.image(payload))
 
     def _true_fix(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         place = foxglove_type("LocationFix").FromString(payload)
@@ -377,6 +409,10 @@ class VesselConversion:
         points_m = instruments.echo_points(angle_rad, (np.arange(len(intensity)) + 0.5) * sample_m)
         header = msg.header(stamp_ns, self._framed(SONAR_FRAME))
         yield self._message("sonar/echo", instruments.point_cloud(header, points_m, intensity), stamp_ns)
+
+    def _camera(self, topic: str, camera: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        for name, message in camera_messages(topic, payload, self._framed(camera_frame(camera))):
+            yield RosMessage(self._named[name].of(camera), self.name, serialize(message), stamp_ns)
 
     # Frames of MAVLink
 

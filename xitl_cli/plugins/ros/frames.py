@@ -12,8 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim_core.frames import euler_to_quat, frd_to_flu
+from sim_core.frames import euler_to_quat, frd_to_flu, matrix_to_quat, quat_to_matrix
+from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.spec import LidarSpec, RangefinderSpec
+from xitl_cli.plugins.ros.camera_messages import camera_frame, cameras_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, vessel_name
 
@@ -23,6 +25,8 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """x y z w, as in ROS."""
 
+_FRD_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+_FLU_FRD = np.diag([1.0, -1.0, -1.0])
 NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -62,6 +66,9 @@ def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
     if sensors.sonar is not None:
         heading_rad = math.radians(sensors.sonar.heading_deg)
         yield _mounted(SONAR_FRAME, sensors.sonar.position_frd_m, flu_turn(0.0, 0.0, heading_rad))
+    for camera in cameras_of(profile):
+        if camera.gimbal is None:
+            yield _mounted(camera_frame(camera.name), camera.position_frd_m, optical_turn(camera))
 
 
 def named_frame(frame: FixedFrame, vessel: str) -> FixedFrame:
@@ -84,6 +91,14 @@ def flu_turn(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
 def lidar_turn(lidar: LidarSpec) -> Quaternion:
     """Return the rotation from the lidar's axes to body axes, FLU."""
     return flu_turn(math.radians(lidar.roll_deg), math.radians(lidar.pitch_deg), math.radians(lidar.yaw_deg))
+
+
+def optical_turn(camera: CameraSpec) -> Quaternion:
+    """Return the rotation from the optical axes of a fixed camera (x right, y down, z ahead) to body axes, FLU."""
+    angles_rad = np.radians([camera.roll_deg, camera.pitch_deg, camera.yaw_deg])
+    rot_frd_optical = quat_to_matrix(euler_to_quat(angles_rad)) @ _FRD_OPTICAL
+    w, x, y, z = matrix_to_quat(_FLU_FRD @ rot_frd_optical).tolist()
+    return x, y, z, w
 
 
 def looking_turn(rangefinder: RangefinderSpec) -> Quaternion:

@@ -10,16 +10,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hmac
-import re
 import secrets
 import socket
 import threading
 from urllib.parse import parse_qs, urlsplit
 
-from xitl_cli.plugins.view.server import ViewAddress, is_loopback, stranger
+from xitl_cli.http_access import HEAD_BYTES, HEAD_S, BadRequestError, is_loopback, parse_request, stranger
+from xitl_cli.plugins.view.server import ViewAddress
 
-HEAD_BYTES = 16_384
-HEAD_S = 10.0
 MOST_WAITING = 64
 """Maximum number of connections without a complete request. Above it, the gate closes the oldest of them.
 
@@ -27,9 +25,6 @@ Each connection uses a file descriptor of the run.
 """
 CHUNK_BYTES = 1 << 16
 _TRUSTED = "foxglove.dev"
-_REQUEST = re.compile(r"GET /[!-~]* HTTP/1\.1")
-_HEADER = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]+:[^\r\n\0]*")
-"""RFC 9112, 5: no spaces in the name and no continued lines, because the server behind could parse them differently."""
 
 
 def hidden_host() -> str:
@@ -53,19 +48,14 @@ def is_foxglove(origin: str) -> bool:
 
 def refusal(address: ViewAddress, head: bytes) -> str:
     """Return the reason to refuse a request, empty if it is allowed. head: HTTP head without the empty line."""
-    first, *lines = head.decode("latin-1").split("\r\n")
-    if not _REQUEST.fullmatch(first) or not all(map(_HEADER.fullmatch, lines)):
-        return "it is not a valid HTTP/1.1 request"
-    headers: dict[str, str] = {}
-    for line in lines:
-        name, _, value = line.partition(":")
-        if name.lower() in headers and name.lower() in ("host", "origin"):
-            return f"it has two headers {name}"
-        headers[name.lower()] = value.strip()
+    try:
+        request = parse_request(head)
+    except BadRequestError as error:
+        return str(error)
+    headers = request.headers
     if reason := stranger(address.host, headers.get("host", ""), headers.get("origin"), is_foxglove):
         return reason
-    target = first.partition(" ")[2].partition(" ")[0]
-    token = parse_qs(target.partition("?")[2]).get("token", [""])[0]
+    token = parse_qs(request.target.partition("?")[2]).get("token", [""])[0]
     if not hmac.compare_digest(token.encode(), address.token.encode()):
         return "the token of the printed address is missing or wrong"
     return ""

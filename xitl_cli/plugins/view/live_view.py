@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -21,8 +22,9 @@ from sim_core import frames
 from sim_core.fleet import Fleet
 from sim_core.world.debris import DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
+from xitl_cli.plugins.view.camera_images import image_topic, live_image
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
-from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewInstant
+from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewImage, ViewInstant
 from xitl_cli.plugins.view.scene import NO_WAVES, scene_waves
 from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
 from xitl_cli.profile.schema import RunProfile
@@ -83,6 +85,8 @@ class VesselWatch(RunNode):
         self._control = control
         self._mission = mission
         self._status = status
+        sensors = profile.sensors
+        self._cameras = {camera.name: camera for camera in (() if sensors is None else sensors.cameras)}
         self._estimate: tuple[Sequence[float], Sequence[float]] | None = None
         self._lidar: _Seen | None = None
         self._sonar: deque[_Seen] = deque(maxlen=SONAR_PINGS)
@@ -91,6 +95,8 @@ class VesselWatch(RunNode):
         self._clocks: dict[str, tuple[float, float, float]] = {}
         self._events: deque[tuple[int, Any]] = deque(maxlen=MOST_EVENTS)
         self._passing: dict[str, bytes] = {}
+        self._images: dict[str, tuple[int, Any]] = {}
+        """The image of each camera since the latest instant."""
 
     def begin(self, context: RunContext) -> None:
         recorder = context.recorder
@@ -101,6 +107,11 @@ class VesselWatch(RunNode):
         recorder.watch("/clocks", self._on_clock)
         recorder.watch("/scene", self._on_scene)
         recorder.watch("/log", lambda stamp_ns, entry: self._events.append((stamp_ns, entry)))
+        for camera in self._cameras:
+            recorder.watch(image_topic(camera), partial(self._on_image, camera))
+
+    def _on_image(self, camera: str, stamp_ns: int, message: Any) -> None:
+        self._images[camera] = stamp_ns, message
 
     def _on_scene(self, stamp_ns: int, update: Any) -> None:
         encoded = update.encode()
@@ -177,7 +188,12 @@ class VesselWatch(RunNode):
             np.array(radius),
             self._numbers(status, late),
             guided,
+            self._new_images(),
         )
+
+    def _new_images(self) -> dict[str, ViewImage]:
+        images, self._images = self._images, {}
+        return {name: live_image(*image, self._cameras[name].kind == "depth") for name, image in images.items()}
 
     def _clouds(self) -> dict[str, Points]:
         clouds: dict[str, Points] = {}

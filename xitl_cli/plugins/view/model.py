@@ -114,6 +114,17 @@ class ViewScene:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ViewImage:
+    """An image of a camera."""
+
+    time_s: float
+    data: bytes
+    """JPEG or PNG; float32 in metres, row by row, of a depth image."""
+    size_px: tuple[int, int] | None = None
+    """Width and height of a depth image, None for a file."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class VesselInstant:
     """A vessel at an instant."""
 
@@ -141,6 +152,8 @@ class VesselInstant:
     """Values of the panel by their label, which includes the unit."""
     guided_enu_m: Array | None = None
     """Target in GUIDED."""
+    images: Mapping[str, ViewImage] = field(default_factory=dict)
+    """Images of a live view since the previous instant, by camera."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

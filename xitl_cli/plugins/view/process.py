@@ -18,6 +18,7 @@ from typing import Any
 
 from xitl_cli.pipe import Pipe, until_closed
 from xitl_cli.plugins.view.camera import Cameras
+from xitl_cli.plugins.view.camera_images import ImagePanel
 from xitl_cli.plugins.view.controls import Controls
 from xitl_cli.plugins.view.drawing import SceneDrawing, add_drawing_options
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
@@ -52,6 +53,7 @@ class ViewProcess:
         server.gui.configure_theme(dark_mode=start.dark, show_logo=False, show_share_button=False)
         self._readouts = Readouts(server, scene)
         self._cameras = Cameras(server, scene)
+        self._images = ImagePanel(server)
         self._controls: Controls | None = None
         if start.operated:
             water, faults = scene.water, dict(start.faults)
@@ -115,6 +117,13 @@ class ViewProcess:
         self._drawing.draw(instant)
         self._cameras.update(instant)
         self._readouts.update(instant, time.monotonic())
+        self._images.update(
+            {
+                (vessel, camera): image
+                for vessel, state in instant.vessels.items()
+                for camera, image in state.images.items()
+            }
+        )
         if self._controls is not None:
             self._controls.update(instant)
 

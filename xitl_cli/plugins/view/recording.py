@@ -33,6 +33,7 @@ from xitl_cli.logs.model.sections import Severity
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.report.build import short_names
 from xitl_cli.logs.signals.moments import moments
+from xitl_cli.plugins.view.camera_images import image_tracks
 from xitl_cli.plugins.view.model import (
     Array,
     BodyInstant,
@@ -42,6 +43,7 @@ from xitl_cli.plugins.view.model import (
     SceneWaves,
     VesselInstant,
     ViewEvent,
+    ViewImage,
     ViewInstant,
     ViewScene,
 )
@@ -145,6 +147,7 @@ class LogScene:
         self._passing_s = [entity.from_s for entity in self._passing]
         self._longest_s = max((entity.lifetime_s for entity in passing), default=0.0)
         self._placed = placed
+        self._images = {vessel.name: dict(image_tracks(vessel.log, vessel.seconds)) for vessel in placed}
         self._others = others
         self._bodies = bodies
         spans = [vessel.track.pose.span_s for vessel in placed]
@@ -192,6 +195,15 @@ class LogScene:
             waves=None if self._waves is None else self._waves.at(time_s),
             drawings=passing_at(latest, time_s),
         )
+
+    def images(self, time_s: float) -> dict[tuple[str, str], ViewImage]:
+        """Return the newest image of each camera at time_s, by vessel and camera."""
+        return {
+            (vessel, camera): image
+            for vessel, tracks in self._images.items()
+            for camera, track in tracks.items()
+            if (image := track.at(time_s)) is not None
+        }
 
     def findings(self) -> list[SceneFinding]:
         """Run all analyses on all logs and return their findings, the worst first. It takes seconds."""

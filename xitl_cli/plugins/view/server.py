@@ -16,12 +16,11 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, ClassVar
-from urllib.parse import urlsplit
 
 from xitl_cli.errors import UserError
 from xitl_cli.extras import VIEW
+from xitl_cli.http_access import listening_socket, stranger
 
 if TYPE_CHECKING:
     import viser
@@ -60,16 +59,6 @@ def check_view_extra() -> None:
     VIEW.require("the 3D view cannot do without")
 
 
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine can connect to the host."""
-    if host == "localhost":
-        return True
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
 def listen(
     host: str,
     port: int | None,
@@ -88,7 +77,7 @@ def listen(
     first = (USUAL_PORT if usual is None else usual) if port is None else port
     for candidate in range(first, first + (PORTS_TRIED if port is None else 1)):
         try:
-            listener = _bound(host, candidate)
+            listener = listening_socket(host, candidate, CLIENTS_KEPT)
         except OSError as error:
             if error.errno in (errno.EADDRINUSE, errno.EACCES) and port is None:
                 continue
@@ -105,20 +94,6 @@ def listen(
     raise UserError(
         f"no port from {first} to {first + PORTS_TRIED - 1} is free for the view; choose one with {port_key}"
     )
-
-
-def _bound(host: str, port: int) -> socket.socket:
-    family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    listener = socket.socket(family, kind, protocol)
-    try:
-        if os.name == "posix":  # elsewhere it would let two programs have the port
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind(address)
-        listener.listen(CLIENTS_KEPT)
-    except OSError:
-        listener.close()
-        raise
-    return listener
 
 
 def has_desktop() -> bool:
@@ -238,26 +213,6 @@ def _have_threads_wake_safely() -> None:
 _SERVE_LOCK = threading.Lock()
 _MADE_S = 0.01
 """Interval of the check whether the server is complete."""
-
-
-def stranger(
-    listening: str, host: str, origin: str | None, trusted: Callable[[str], bool] = lambda origin: False
-) -> str:
-    """Return the reason to refuse a request from a page of another site, empty if it is allowed.
-
-    listening: address at which the server listens. host, origin: headers of the request; origin is None if absent.
-    trusted: returns whether pages of an origin may connect.
-    """
-    try:
-        name = urlsplit(f"//{host}").hostname or ""
-        page = None if origin is None else urlsplit(origin).netloc
-    except ValueError:  # such as of `[`
-        return "its Host or Origin is not an address"
-    if is_loopback(listening) and not (name == listening or is_loopback(name)):
-        return f"this address is only for this machine, and {name!r} is not its name"
-    if origin is not None and page != host and not trusted(origin):
-        return "a page of another site may not connect here"
-    return ""
 
 
 class Doorkeeper:

@@ -193,6 +193,7 @@ class RecordingPage:
         dark: bool = False,
     ) -> None:
         from xitl_cli.plugins.view.camera import Cameras
+        from xitl_cli.plugins.view.camera_images import ImagePanel
         from xitl_cli.plugins.view.drawing import add_drawing_options
         from xitl_cli.plugins.view.readouts import Readouts
         from xitl_cli.plugins.view.server import make_server
@@ -206,6 +207,7 @@ class RecordingPage:
         self.panel = TimelinePanel(server, self.clock, recording.marks)
         self._readouts = Readouts(server, recording.scene)
         self._cameras = Cameras(server, recording.scene)
+        self._images = ImagePanel(server)
         add_drawing_options(server, self._drawing.drawing, self._draw_again)
         self._shown_s: float | None = None
         self._draw(self.clock.time_s, time.monotonic())
@@ -237,6 +239,7 @@ class RecordingPage:
             self._instant = self._recording.instant(time_s, since_s)
             self._drawing.draw(self._instant)
         self._readouts.update(self._instant, now_s)
+        self._images.update(self._recording.images(time_s))
         self._cameras.update(self._instant)
         self.panel.update(now_s)
 

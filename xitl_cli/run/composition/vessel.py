@@ -410,7 +410,8 @@ def _plugin_node(
 
     parts = {type_: needed[type_.__name__] for type_ in kind.needs}
     rng = default_rng(setup.seeds.sequence(f"plugins.{name}"))
-    context = NodeContext(name, setup.profile, setup.plant, setup.run.scenery, control, setup.seeds, rng, parts)
+    run, url = setup.run, setup.run.stations.components_url
+    context = NodeContext(name, setup.profile, setup.plant, run.scenery, control, setup.seeds, rng, parts, url)
     return PluginNode(name, partial(kind.make, keys, context), kind.topics)
 
 
@@ -432,7 +433,8 @@ def _sensor_node(setup: VesselSetup, name: str, keys: Any, kind: NodeKind, *, co
     from xitl_cli.run_kinds import NodeContext
 
     rng = default_rng(setup.seeds.sequence(name))
-    context = NodeContext(name, setup.profile, setup.plant, setup.run.scenery, control, setup.seeds, rng)
+    run, url = setup.run, setup.run.stations.components_url
+    context = NodeContext(name, setup.profile, setup.plant, run.scenery, control, setup.seeds, rng, {}, url)
     return kind.make(keys, context)
 
 

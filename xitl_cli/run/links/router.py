@@ -6,6 +6,9 @@ Vessels send to one UDP port of this machine, or the router calls them. Stations
 them by UDP. The first line of output has the addresses. Each line of input is the address of a vessel to call. At the
 end of the input the router writes its counts and ends.
 
+Components of vessels that the run simulates, such as cameras, send to a second port. They have the system of their
+vessel and another component than its autopilot. What they send to all goes to the stations only.
+
 Frames are forwarded unchanged, so that signatures stay valid (mavlink.io, "Routing"). A frame for a system goes to the
 place of that system, other frames to all places. No frame returns to the place of its sender. Between vessels only the
 messages of FROM_VESSEL_TO_VESSEL are forwarded. A vessel's system has one place. Frames that claim the system elsewhere
@@ -56,6 +59,7 @@ all.
 
 _BYTES = {"char": 1, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4}
 _BYTES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
+_AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 _SO_RXQ_OVFL = 40  # Linux: number of datagrams that a socket dropped because it was full
 
 
@@ -108,12 +112,14 @@ class RouterCounts:
 class Place(ABC):
     """Source and destination of frames.
 
-    heard: (system, component) of all senders there. vessel: False for a station.
+    heard: (system, component) of all senders there. vessel: False for a station. component: it is a part of a vessel
+    whose autopilot is elsewhere.
     """
 
-    def __init__(self, name: str, stream: bool, vessel: bool) -> None:
+    def __init__(self, name: str, stream: bool, vessel: bool, component: bool = False) -> None:
         self.name = name
         self.vessel = vessel
+        self.component = component
         self.heard: set[tuple[int, int]] = set()
         self.systems: set[int] = set()
         self.heard_s = 0.0
@@ -163,10 +169,10 @@ class TransportPlace(Place):
 
 
 class DatagramPlace(Place):
-    """A vessel that sends to the common port."""
+    """A vessel, or a component of one, that sends to the common port."""
 
-    def __init__(self, sock: socket.socket, address: tuple[str, int]) -> None:
-        super().__init__(f"udp://{address[0]}:{address[1]}", stream=False, vessel=True)
+    def __init__(self, sock: socket.socket, address: tuple[str, int], component: bool) -> None:
+        super().__init__(f"udp://{address[0]}:{address[1]}", stream=False, vessel=True, component=component)
         self.address = address
         self._socket = sock
 
@@ -210,15 +216,9 @@ class Router:
         self._to_call: dict[tuple[str, int], float] = {}
         self._look_s = 0.0
         self._selector = selectors.DefaultSelector()
-        self._vessels = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._vessels.setblocking(False)
-        self._vessels.bind(("127.0.0.1", 0))
-        for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
-            self._vessels.setsockopt(socket.SOL_SOCKET, option, BUFFER_BYTES)
-        if sys.platform == "linux":
-            self._vessels.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        self._vessels, self._components = self._datagram_port(False), self._datagram_port(True)
+        self._overruns = {self._vessels: 0, self._components: 0}
         self._datagrams: dict[tuple[str, int], DatagramPlace] = {}
-        self._selector.register(self._vessels, selectors.EVENT_READ, self._from_vessels)
         try:
             for url in stations:
                 if url.startswith("tcp://"):
@@ -236,10 +236,27 @@ class Router:
             self.close()
             raise
 
+    def _datagram_port(self, components: bool) -> socket.socket:
+        """Return a socket to which the vessels of this machine send, or their components."""
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        sock.setblocking(False)
+        sock.bind(("127.0.0.1", 0))
+        for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
+            sock.setsockopt(socket.SOL_SOCKET, option, BUFFER_BYTES)
+        if sys.platform == "linux":
+            sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        self._selector.register(sock, selectors.EVENT_READ, partial(self._from_vessels, sock, components))
+        return sock
+
     @property
     def vessels_url(self) -> str:
         """The address that vessels send to."""
         return f"udp://127.0.0.1:{self._vessels.getsockname()[1]}"
+
+    @property
+    def components_url(self) -> str:
+        """The address that components of vessels send to."""
+        return f"udp://127.0.0.1:{self._components.getsockname()[1]}"
 
     @property
     def stations(self) -> tuple[str, ...]:
@@ -253,7 +270,7 @@ class Router:
         if parts.scheme == "udp":
             address = (socket.gethostbyname(parts.hostname or ""), parts.port or 0)
             self._to_call[address] = 0.0
-            self._vessel_at(address)
+            self._vessel_at(self._vessels, False, address)
             return
         self._add(TransportPlace(TcpCaller(parts), url, vessel=True))
 
@@ -280,6 +297,7 @@ class Router:
         for listener in self._listeners:
             listener.close()
         self._vessels.close()
+        self._components.close()
 
     # Places
 
@@ -361,26 +379,27 @@ class Router:
             else:
                 self._let_go(place)
 
-    def _from_vessels(self) -> None:
+    def _from_vessels(self, sock: socket.socket, components: bool) -> None:
         for _ in range(BATCH):
             try:
-                data, extra, _, address = self._vessels.recvmsg(LARGEST, 64)
+                data, extra, _, address = sock.recvmsg(LARGEST, 64)
             except OSError:  # no more data, or the error of an earlier datagram without a receiver
                 return
             for level, kind, value in extra:
                 if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):
-                    self.counts.overrun = struct.unpack("=I", value[:4])[0]
-            place = self._vessel_at(address)
+                    self._overruns[sock] = struct.unpack("=I", value[:4])[0]
+                    self.counts.overrun = sum(self._overruns.values())
+            place = self._vessel_at(sock, components, address)
             if place is not None:
                 self._pass_on(place, place.frames_in(data))
 
-    def _vessel_at(self, address: tuple[str, int]) -> DatagramPlace | None:
+    def _vessel_at(self, sock: socket.socket, component: bool, address: tuple[str, int]) -> DatagramPlace | None:
         place = self._datagrams.get(address)
         if place is None:
             if len(self._datagrams) >= MOST_VESSELS:
                 self.counts.turned_away += 1
                 return None
-            place = self._datagrams[address] = DatagramPlace(self._vessels, address)
+            place = self._datagrams[address] = DatagramPlace(sock, address, component)
             self._places.append(place)
         return place
 
@@ -389,7 +408,7 @@ class Router:
         outgoing: dict[Place, list[bytes]] = {}
         for frame in frames:
             sender = (frame[5], frame[6])
-            if not self._is_at_home(source, sender[0]):
+            if not self._is_at_home(source, *sender):
                 self.counts.looped += 1
                 continue
             self.counts.frames_in += 1
@@ -404,8 +423,13 @@ class Router:
             self.counts.dropped += dropped
             self.counts.frames_out += len(leaving) - dropped
 
-    def _is_at_home(self, source: Place, system: int) -> bool:
-        """Whether a frame of this system comes from the system's place. A vessel that was silent may move."""
+    def _is_at_home(self, source: Place, system: int, component: int) -> bool:
+        """Whether a frame of this system comes from the system's place. A vessel that was silent may move.
+
+        A component has no place of its own, and never speaks as the autopilot.
+        """
+        if source.component:
+            return component != _AUTOPILOT
         owner = self.owners.get(system)
         if owner is source:
             source.heard_s = monotonic()
@@ -436,7 +460,7 @@ class Router:
                 component = frame[10 + component_at]
         others = [place for place in self._places if place is not source and sender not in place.heard]
         if not system:
-            if source.vessel and number not in FROM_VESSEL_TO_VESSEL:
+            if source.component or (source.vessel and number not in FROM_VESSEL_TO_VESSEL):
                 return [place for place in others if not place.vessel]
             return others
         there = [place for place in others if system in place.systems]
@@ -453,7 +477,7 @@ def main(urls: Sequence[str]) -> int:
     except TransportError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-    _say({"vessels": router.vessels_url, "stations": router.stations})
+    _say({"vessels": router.vessels_url, "components": router.components_url, "stations": router.stations})
     calls = _Lines(router)
     router.watch(sys.stdin.fileno(), calls.read)
     try:

@@ -38,7 +38,8 @@ class VesselStations:
 class StationAddresses(RunNode):
     """The addresses of a run's vessels. Each TCP port belongs to this run until `close`. warnings: replaced ports.
 
-    A router serves the addresses that several vessels of a fleet share, such as the usual ones. All vessels are
+    A router serves the addresses that several vessels of a fleet share, such as the usual ones. It also serves a single
+    vessel with cameras that ground stations may find, because each camera is a MAVLink component. All vessels are
     reachable there by their system ids, and each also has its own port. A usual port that is in use is replaced by the
     next free port. A port from the profile is not replaced, because its users may know it already.
 
@@ -67,7 +68,8 @@ class StationAddresses(RunNode):
             requested[profile.vessel] = () if elsewhere else ground_stations_of(profile)
         boards = {profile.vessel: _board_station(profile) for profile in profiles}
         counts = Counter(url for urls in requested.values() for url in urls)
-        shared = [url for url, count in counts.items() if count > 1 or any(boards.values())]
+        routed = any(boards.values()) or any(map(_has_components, profiles))
+        shared = [url for url, count in counts.items() if count > 1 or routed]
         in_profile = {url for profile in profiles for url in profile.autopilot.ground_stations or ()}
         fleet = tuple(self._opened(url, url in in_profile) for url in shared)
         if fleet:
@@ -77,7 +79,9 @@ class StationAddresses(RunNode):
             own = [self._opened(url, url in in_profile) for url in urls if url not in shared]
             if profile.autopilot.kind != "px4":  # the router calls a PX4's single link for stations
                 for url in urls:
-                    if url in shared and _is_tcp(url):  # the vessel's own port, counted from the common one
+                    if (
+                        profile.vessel and url in shared and _is_tcp(url)
+                    ):  # the vessel's own port, counted from the common one
                         parts = urlsplit(url)
                         host, port = parts.netloc.rpartition(":")[0], (parts.port or 0) + STEP * number
                         own.append(self._opened(parts._replace(netloc=f"{host}:{port}").geturl(), False))
@@ -94,6 +98,11 @@ class StationAddresses(RunNode):
         for board in boards.values():
             if self._router is not None and board is not None:
                 self._router.call(board)
+
+    @property
+    def components_url(self) -> str:
+        """Address at which components of vessels reach the ground stations, empty without a router."""
+        return "" if self._router is None else self._router.components_url
 
     def of(self, vessel: str) -> VesselStations:
         """Return the addresses of this vessel; empty for a vessel that the user has started."""
@@ -146,6 +155,12 @@ def _is_tcp(url: str) -> bool:
     return urlsplit(url).scheme == "tcp"
 
 
+def _has_components(profile: RunProfile) -> bool:
+    """Return whether the vessel has MAVLink components besides its autopilot: cameras with a stream or a gimbal."""
+    cameras = () if profile.sensors is None else profile.sensors.cameras
+    return any(camera.serve is not None or camera.gimbal is not None for camera in cameras)
+
+
 def _board_station(profile: RunProfile) -> str | None:
     """Return the address at which the agent on a board listens for ground stations when started as documented."""
     autopilot = profile.autopilot
@@ -163,7 +178,9 @@ class RouterProcess:
 
     It is a separate process, so that stations never block a run.
 
-    vessels_url: address that vessels send to. Raises UserError when the router cannot open its ports.
+    vessels_url: address that vessels send to. components_url: address that their components send to.
+
+    Raises UserError when the router cannot open its ports.
     """
 
     def __init__(self, urls: Sequence[str]) -> None:
@@ -181,7 +198,9 @@ class RouterProcess:
             _, errors = self._process.communicate()
             lines = errors.strip().splitlines() or [f"exit code {self._process.returncode}"]
             raise UserError(f"autopilot.ground_stations: {lines[-1]}")
-        self.vessels_url: str = json.loads(first_line)["vessels"]
+        addresses = json.loads(first_line)
+        self.vessels_url: str = addresses["vessels"]
+        self.components_url: str = addresses["components"]
 
     def call(self, url: str) -> None:
         """Let the router call a vessel that waits."""

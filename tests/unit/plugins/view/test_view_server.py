@@ -15,8 +15,9 @@ import pytest
 
 from tests.patience import PATIENCE_S, let_pass
 from xitl_cli.errors import UserError
+from xitl_cli.http_access import is_loopback
 from xitl_cli.plugins.view import server as view_server
-from xitl_cli.plugins.view.server import ViewAddress, is_loopback, listen, make_server
+from xitl_cli.plugins.view.server import ViewAddress, listen, make_server
 
 viser = pytest.importorskip("viser")
 connect = pytest.importorskip("websockets.sync.client").connect

@@ -126,6 +126,42 @@ def test_what_comes_round_is_dropped(water: Water) -> None:
     assert [message.text for message in water.heard(station, "STATUSTEXT")] == ["still here"]
 
 
+def test_a_component_shares_the_system_of_its_vessel(water: Water) -> None:
+    one, two, station, other = water.vessel(1), water.vessel(2), water.station(), water.station(250)
+    camera = water.link(water.router.components_url, 1, 100)
+    camera.send(mav.MAVLink_heartbeat_message(30, mav.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+    (beat,) = [message for message in water.heard(station, "HEARTBEAT") if message.get_srcComponent() == 100]
+    assert (beat.get_srcSystem(), beat.type) == (1, 30)
+    station.send(mav.MAVLink_param_request_list_message(1, 100))
+    water.counted("PARAM_REQUEST_LIST", {camera: 1, one: 0, two: 0})
+    station.send(mav.MAVLink_param_request_list_message(1, 1))
+    water.counted("PARAM_REQUEST_LIST", {one: 1, camera: 0, two: 0})
+    station.send(mav.MAVLink_param_request_list_message(1, 0))
+    water.counted("PARAM_REQUEST_LIST", {one: 1, camera: 1, two: 0})
+    camera.send(mav.MAVLink_command_ack_message(1, 0, 0, 0, 250, 190))
+    water.counted("COMMAND_ACK", {other: 1, station: 0, one: 0})
+
+
+def test_what_a_component_sends_to_all_goes_to_stations_alone(water: Water) -> None:
+    one, two, station = water.vessel(1), water.vessel(2), water.station()
+    camera = water.link(water.router.components_url, 1, 100)
+    camera.send(mav.MAVLink_heartbeat_message(30, mav.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+    senders = {
+        link: [beat.get_srcComponent() for beat in water.heard(link, "HEARTBEAT")] for link in (station, one, two)
+    }
+    assert 100 in senders[station]
+    assert 100 not in senders[one] + senders[two]
+
+
+def test_a_component_does_not_speak_as_the_autopilot(water: Water) -> None:
+    one, station = water.vessel(1), water.station()
+    water.link(water.router.components_url, 1, 1).send(text(b"armed"))
+    water.until(lambda: water.router.counts.looped == 1)
+    assert water.heard(station, "STATUSTEXT", 0) == []
+    station.send(mav.MAVLink_param_request_list_message(1, 1))
+    water.counted("PARAM_REQUEST_LIST", {one: 1})
+
+
 def test_a_vessel_that_was_silent_may_come_back_from_elsewhere(water: Water, monkeypatch: pytest.MonkeyPatch) -> None:
     water.vessel(1)
     station = water.station()

@@ -55,6 +55,20 @@ def test_in_real_time_only_this_machine_may_call() -> None:
     assert made.report() == {}
 
 
+@pytest.mark.parametrize(
+    ("camera", "routed"),
+    [("{serve: 'http://127.0.0.1:8600'}", True), ("{gimbal: {}}", True), ("{name: fixed}", False)],
+)
+def test_a_camera_that_stations_may_find_is_behind_a_router(camera: str, routed: bool) -> None:
+    given = [f"autopilot.ground_stations=[tcp://127.0.0.1:{free_port()}]", f"sensors.cameras=[{camera}]"]
+    made = StationAddresses([load_profile("hitl-loopback", given).runnable()])
+    assert bool(made.components_url) is routed
+    assert (made.of("").urls == made.of("").told) is not routed
+    assert len(made.of("").told) == 1
+    made.close()
+    assert bool(made.report()) is routed
+
+
 def test_a_usual_port_in_use_is_replaced_by_the_next_free_one_and_said(usual: int) -> None:
     made = single()
     first, second = made.of("").urls
