@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.random import Generator
 
-from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
+from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec, WaveWall
 from sim_core.frames import Array, ComplexArray
 from sim_core.state_class import state_class
 
@@ -157,6 +157,41 @@ def realise_waves(
     """
     if spec.spectrum == "none" or not spec.significant_height_m:
         return FlatWater()
+    sea = _open_sea(spec, water, rng, current_ne_mps)
+    return sea if spec.wall is None else reflected(sea, spec.wall)
+
+
+def reflected(sea: WaveField, wall: WaveWall) -> WaveField:
+    """Return a sea with the images of its components in an upright wall.
+
+    At x, the image of theta is theta at the mirror image of x. The water then does not move through a wall that
+    reflects all. An image is carried by the image of the current, so it has the frequency of its component everywhere.
+    Components that leave the wall have no image.
+    """
+    heading_rad = math.radians(wall.heading_deg)
+    into_wall = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
+    approach = sea.wave_vector_radpm @ into_wall
+    meets = approach > 0.0
+    current = np.broadcast_to(sea.current_ne_mps, sea.wave_vector_radpm.shape)
+    across = (current @ into_wall)[:, None] * into_wall
+    place = float(np.dot(wall.through_ne_m, into_wall))
+    images = WaveField(
+        wall.reflection * sea.amplitude_m,
+        sea.omega_radps,
+        sea.wave_vector_radpm - 2.0 * approach[:, None] * into_wall,
+        sea.phase_rad + 2.0 * place * approach,
+        current - 2.0 * across,
+    )
+    return WaveField(
+        np.concatenate([sea.amplitude_m, images.amplitude_m[meets]]),
+        np.concatenate([sea.omega_radps, images.omega_radps[meets]]),
+        np.concatenate([sea.wave_vector_radpm, images.wave_vector_radpm[meets]]),
+        np.concatenate([sea.phase_rad, images.phase_rad[meets]]),
+        np.concatenate([current, images.current_ne_mps[meets]]),
+    )
+
+
+def _open_sea(spec: WaveSpec, water: Water, rng: Generator, current_ne_mps: tuple[float, float]) -> WaveField:
     direction_rad = math.radians(spec.direction_deg)
     if spec.spectrum == "regular":
         omega = np.array([2.0 * np.pi / spec.peak_period_s])
