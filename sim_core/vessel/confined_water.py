@@ -12,7 +12,7 @@ T is the draft of the lowest line, h the depth of the still water, nabla the dis
 
 The first is the potential flow past a row of plates (Lamb 1932, Newman 1969), the limit of a narrow section. The second
 is the effective aspect ratio of Hirano, Takashina, Moriya and Nakamura (1985); quadratic sway and yaw have its factor
-of Y_v. The third is that of Furukawa et al. (2016), the others are those of Raven (2016) and ISO 15016:2015.
+of Y_v. The third is that of Tang et al. (2020), as mmgdynamics quotes it. The others are those of Raven (2016).
 docs/vessel.md has their range.
 """
 

@@ -45,7 +45,7 @@ def hull_force(simulation: Simulation, velocity: list[float]) -> Array:
 
 
 def test_resistance_grows_as_raven_published() -> None:
-    """Raven 2016, and ISO 15016:2015: 0.57 (T / h)^1.79 of the viscous resistance."""
+    """Raven 2016: 0.57 (T / h)^1.79 of the viscous resistance."""
     assert resistance_factor(2.0) == pytest.approx(1.165, abs=5e-4)
     assert resistance_factor(4.0) == pytest.approx(1.048, abs=5e-4)
     for name in ("asv-full", "kvlcc2-l7"):  # by axis, and by a table
