@@ -81,6 +81,8 @@ class WaveField:
     """Phases at the NED origin at time 0, (W,)."""
     current_ne_mps: Array = field(default_factory=lambda: np.zeros(2))
     """Current that carries the pattern: (2,), or (W, 2) with a row for each component."""
+    mirror_ne: Array | None = None
+    """Normal of the wall whose images the components are, (W, 2), 0 for other components; None for no wall."""
 
     @property
     def apparent_omega_radps(self) -> Array:
@@ -94,6 +96,8 @@ class WaveField:
 
     def carried_on(self, current_ne_mps: Array, time_s: float) -> WaveField:
         """Return the same pattern at time_s, carried from then on by another current (2,)."""
+        if self.mirror_ne is not None:
+            current_ne_mps = _mirrored(current_ne_mps, self.mirror_ne)
         moved_m = (self.current_ne_mps - current_ne_mps) * time_s
         phase_rad = self.phase_rad - np.vecdot(self.wave_vector_radpm, moved_m)
         return replace(self, phase_rad=phase_rad, current_ne_mps=current_ne_mps)
@@ -172,23 +176,28 @@ def reflected(sea: WaveField, wall: WaveWall) -> WaveField:
     into_wall = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
     approach = sea.wave_vector_radpm @ into_wall
     meets = approach > 0.0
-    current = np.broadcast_to(sea.current_ne_mps, sea.wave_vector_radpm.shape)
-    across = (current @ into_wall)[:, None] * into_wall
-    place = float(np.dot(wall.through_ne_m, into_wall))
-    images = WaveField(
+    into = np.broadcast_to(into_wall, sea.wave_vector_radpm.shape)
+    image = WaveField(
         wall.reflection * sea.amplitude_m,
         sea.omega_radps,
-        sea.wave_vector_radpm - 2.0 * approach[:, None] * into_wall,
-        sea.phase_rad + 2.0 * place * approach,
-        current - 2.0 * across,
+        _mirrored(sea.wave_vector_radpm, into),
+        sea.phase_rad + 2.0 * float(np.dot(wall.through_ne_m, into_wall)) * approach,
     )
+    mirror_ne = np.concatenate([np.zeros_like(into), into[meets]])
     return WaveField(
-        np.concatenate([sea.amplitude_m, images.amplitude_m[meets]]),
-        np.concatenate([sea.omega_radps, images.omega_radps[meets]]),
-        np.concatenate([sea.wave_vector_radpm, images.wave_vector_radpm[meets]]),
-        np.concatenate([sea.phase_rad, images.phase_rad[meets]]),
-        np.concatenate([current, images.current_ne_mps[meets]]),
+        np.concatenate([sea.amplitude_m, image.amplitude_m[meets]]),
+        np.concatenate([sea.omega_radps, image.omega_radps[meets]]),
+        np.concatenate([sea.wave_vector_radpm, image.wave_vector_radpm[meets]]),
+        np.concatenate([sea.phase_rad, image.phase_rad[meets]]),
+        _mirrored(sea.current_ne_mps, mirror_ne),
+        mirror_ne,
     )
+
+
+def _mirrored(vector_ne: Array, normal_ne: Array) -> Array:
+    """Return the (W, 2) images of vectors, (W, 2) or (2,), in walls with these (W, 2) normals of length 1 or 0."""
+    image: Array = vector_ne - 2.0 * (vector_ne * normal_ne).sum(axis=-1, keepdims=True) * normal_ne
+    return image
 
 
 def _open_sea(spec: WaveSpec, water: Water, rng: Generator, current_ne_mps: tuple[float, float]) -> WaveField:

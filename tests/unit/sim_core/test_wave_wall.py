@@ -84,8 +84,12 @@ def test_a_standing_wave_has_its_nodes_a_quarter_of_a_wave_off(reflection: float
 
 def test_images_keep_the_frequency_in_a_current() -> None:
     spec = towards_the_wall(0.9)
-    apparent = sea(spec, (0.5, -0.3)).apparent_omega_radps
-    assert apparent[1] == pytest.approx(apparent[0], rel=1e-12)
+    waves = sea(spec, (0.5, -0.3))
+    place = before_the_wall(0.0, along_m=7.0)
+    for carried in (waves, waves.carried_on(np.array([-0.2, 0.6]), 55.0)):
+        apparent = carried.apparent_omega_radps
+        assert apparent[1] == pytest.approx(apparent[0], rel=1e-12)
+    assert carried.elevation_m(55.0, place) == pytest.approx(waves.elevation_m(55.0, place), abs=1e-12)
 
 
 def test_waves_that_leave_the_wall_are_as_without_it() -> None:
