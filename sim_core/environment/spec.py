@@ -65,6 +65,15 @@ class CurrentSpec(Specification):
         return self.speed_mps * math.cos(course_rad), self.speed_mps * math.sin(course_rad)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WaveWall(Specification):
+    """A long upright wall that reflects waves, such as a dam. The water is on the left of its heading."""
+
+    through_ne_m: Annotated[Place, "a point of the wall's face at the water"]
+    heading_deg: Annotated[Direction, "direction along the face, with the water on the left"]
+    reflection: Annotated[Share, "height of the reflected waves over that of the waves that meet the wall"] = 0.9
+
+
 @dataclass(frozen=True, slots=True)
 class WaveSpec(Specification):
     """A random sea, or a regular wave."""
@@ -82,6 +91,9 @@ class WaveSpec(Specification):
         Annotated[float, Bounds(above=0, at_most=200)] | None, "exponent s of cos²ˢ(angle / 2); null: long crests"
     ] = None
     components: Annotated[int, Bounds(at_least=1, at_most=4096), f"{FEWEST_COMPONENTS} or more in a random sea"] = 32
+    wall: Annotated[
+        WaveWall | None, IfGiven(), "wall that reflects the waves: [seas.md](seas.md#waves-at-a-wall); null: none"
+    ] = None
 
     def check(self) -> None:
         if self.spectrum not in ("none", "regular") and self.components < FEWEST_COMPONENTS:

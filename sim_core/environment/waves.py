@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.random import Generator
 
-from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
+from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec, WaveWall
 from sim_core.frames import Array, ComplexArray
 from sim_core.state_class import state_class
 
@@ -81,6 +81,8 @@ class WaveField:
     """Phases at the NED origin at time 0, (W,)."""
     current_ne_mps: Array = field(default_factory=lambda: np.zeros(2))
     """Current that carries the pattern: (2,), or (W, 2) with a row for each component."""
+    mirror_ne: Array | None = None
+    """Normal of the wall whose images the components are, (W, 2), 0 for other components; None for no wall."""
 
     @property
     def apparent_omega_radps(self) -> Array:
@@ -94,6 +96,8 @@ class WaveField:
 
     def carried_on(self, current_ne_mps: Array, time_s: float) -> WaveField:
         """Return the same pattern at time_s, carried from then on by another current (2,)."""
+        if self.mirror_ne is not None:
+            current_ne_mps = _mirrored(current_ne_mps, self.mirror_ne)
         moved_m = (self.current_ne_mps - current_ne_mps) * time_s
         phase_rad = self.phase_rad - np.vecdot(self.wave_vector_radpm, moved_m)
         return replace(self, phase_rad=phase_rad, current_ne_mps=current_ne_mps)
@@ -157,6 +161,46 @@ def realise_waves(
     """
     if spec.spectrum == "none" or not spec.significant_height_m:
         return FlatWater()
+    sea = _open_sea(spec, water, rng, current_ne_mps)
+    return sea if spec.wall is None else reflected(sea, spec.wall)
+
+
+def reflected(sea: WaveField, wall: WaveWall) -> WaveField:
+    """Return a sea with the images of its components in an upright wall.
+
+    At x, the image of theta is theta at the mirror image of x. The water then does not move through a wall that
+    reflects all. An image is carried by the image of the current, so it has the frequency of its component everywhere.
+    Components that leave the wall have no image.
+    """
+    heading_rad = math.radians(wall.heading_deg)
+    into_wall = np.array([-math.sin(heading_rad), math.cos(heading_rad)])
+    approach = sea.wave_vector_radpm @ into_wall
+    meets = approach > 0.0
+    into = np.broadcast_to(into_wall, sea.wave_vector_radpm.shape)
+    image = WaveField(
+        wall.reflection * sea.amplitude_m,
+        sea.omega_radps,
+        _mirrored(sea.wave_vector_radpm, into),
+        sea.phase_rad + 2.0 * float(np.dot(wall.through_ne_m, into_wall)) * approach,
+    )
+    mirror_ne = np.concatenate([np.zeros_like(into), into[meets]])
+    return WaveField(
+        np.concatenate([sea.amplitude_m, image.amplitude_m[meets]]),
+        np.concatenate([sea.omega_radps, image.omega_radps[meets]]),
+        np.concatenate([sea.wave_vector_radpm, image.wave_vector_radpm[meets]]),
+        np.concatenate([sea.phase_rad, image.phase_rad[meets]]),
+        _mirrored(sea.current_ne_mps, mirror_ne),
+        mirror_ne,
+    )
+
+
+def _mirrored(vector_ne: Array, normal_ne: Array) -> Array:
+    """Return the (W, 2) images of vectors, (W, 2) or (2,), in walls with these (W, 2) normals of length 1 or 0."""
+    image: Array = vector_ne - 2.0 * (vector_ne * normal_ne).sum(axis=-1, keepdims=True) * normal_ne
+    return image
+
+
+def _open_sea(spec: WaveSpec, water: Water, rng: Generator, current_ne_mps: tuple[float, float]) -> WaveField:
     direction_rad = math.radians(spec.direction_deg)
     if spec.spectrum == "regular":
         omega = np.array([2.0 * np.pi / spec.peak_period_s])

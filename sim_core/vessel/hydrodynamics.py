@@ -19,13 +19,14 @@ docs/vessel.md has all terms, and the force at a blunt stern.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy import intp
 from numpy.typing import NDArray
 
 from sim_core.frames import Array
+from sim_core.vessel.confined_water import ConfinedWater, Squat
 from sim_core.vessel.derivatives import Derivative, parse_derivative
 from sim_core.vessel.spec import CrossFlowDrag, Matrix, VesselSpec
 from sim_core.vessel.tables import AbkowitzTerms, MmgHull, abkowitz_added_mass, mmg_added_mass
@@ -61,27 +62,39 @@ class Hydrodynamics:
     weight_per_n: Array  # (3, 6) force and moment of a weight of 1 N along the body's axes
 
     @classmethod
-    def from_spec(cls, model: VesselSpec, water_density_kgpm3: float, draft_m: float) -> Hydrodynamics:
-        """Compute the constants from the vessel's data. draft_m: draft of the keel at rest."""
+    def from_spec(
+        cls, model: VesselSpec, water_density_kgpm3: float, draft_m: float, confined: ConfinedWater | None = None
+    ) -> Hydrodynamics:
+        """Compute the constants from the vessel's data. draft_m: draft of the keel at rest. confined: None for deep
+        water.
+        """
         centre = centre_of_lateral_resistance(model, draft_m)
         named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
         # M, and M [w x v; 0] - C(nu) nu
         rigid_mass, added_mass = rigid_body_mass(model), added_mass_matrix(model, named, centre)
-        table_mass, table = _table(model, water_density_kgpm3, centre)
+        table_mass, table = _table(model, water_density_kgpm3, centre, confined)
         added_mass = added_mass + table_mass
+        quadratic = np.array(astuple(model.damping_quadratic))
+        linear = -linear_damping(model, named, centre)
+        across = 1.0
+        if confined is not None and model.abkowitz is None:
+            added_mass = confined.congruent[:, None] * added_mass * confined.congruent
+            linear = linear * confined.damping
+            across = float(confined.damping[1, 1])
+            quadratic = quadratic * [confined.resistance, across, 1.0, 1.0, 1.0, across]
+            named = [(derivative, value * _share(derivative, confined.damping)) for derivative, value in named]
         mass: Array = rigid_mass + added_mass
         products = transport_products(mass) - added_coriolis_products(rigid_mass, added_mass, model.table_contains)
         # -D(nu) nu: linear, per axis and at the stern, across the hull, and by name
-        linear = -linear_damping(model, named, centre)
         parts: list[HullPart] = list(table)
         shed = has_stern_force(model)
-        if shed or any(astuple(model.damping_quadratic)):
+        if shed or quadratic.any():
             stern_products, stern_lift = stern_forces(added_mass, model.length_m)
-            parts.append(AxisDrag.at_centre_of(centre, astuple(model.damping_quadratic), stern_lift if shed else None))
+            parts.append(AxisDrag.at_centre_of(centre, quadratic, stern_lift if shed else None))
             if shed:
                 products += moved_products(stern_products, centre)
         if model.cross_flow_drag is not None:
-            parts.append(CrossFlow.from_spec(model.cross_flow_drag, water_density_kgpm3, centre))
+            parts.append(CrossFlow.from_spec(model.cross_flow_drag, across * water_density_kgpm3, centre))
         further = []
         for derivative, value in named:
             plain = [index for index, magnitude in derivative.factors if not magnitude]
@@ -91,6 +104,9 @@ class Hydrodynamics:
                 further.append((derivative, value))
         if further:
             parts.append(Polynomial.from_derivatives(further))
+        if confined is not None and confined.sinks:
+            drag = -quadratic[0] * moved_to(centre)[0] + _drag(model, further, water_density_kgpm3, confined, centre)
+            parts.append(Squat.from_parts(confined, linear[:, 0], drag))
         return cls(
             rigid_mass=rigid_mass,
             added_mass=added_mass,
@@ -124,8 +140,8 @@ class AxisDrag:
     wrench: Array  # (6 or 12, 6)
 
     @classmethod
-    def at_centre_of(cls, centre: Array, quadratic: Sequence[float], stern_lift: Array | None) -> AxisDrag:
-        """Return the drag. quadratic: damping per axis. stern_lift: from `stern_forces`, None for none."""
+    def at_centre_of(cls, centre: Array, quadratic: Array, stern_lift: Array | None) -> AxisDrag:
+        """Return the drag. quadratic: damping per axis, (6,). stern_lift: from `stern_forces`, None for none."""
         wrench = -np.diag(quadratic)
         if stern_lift is not None:
             wrench = np.concatenate([wrench, stern_lift])
@@ -191,15 +207,53 @@ class Polynomial:
         return (values[:, first] * values[:, second] * values[:, third],)
 
 
-HullPart = AxisDrag | CrossFlow | Polynomial | MmgHull | AbkowitzTerms
+HullPart = AxisDrag | CrossFlow | Polynomial | MmgHull | AbkowitzTerms | Squat
 
 
-def _table(model: VesselSpec, density_kgpm3: float, centre: Array) -> tuple[Array, tuple[HullPart, ...]]:
+def _share(derivative: Derivative, factors: Array) -> float:
+    """Return the factor of a named term in confined water.
+
+    Terms of one speed across or turn times u have the factor of the linear derivative, and squares that of cross-flow.
+    """
+    if derivative.acceleration is not None or derivative.linear is not None:
+        return 1.0  # part of the matrices
+    component, speeds = derivative.component, {index for index, _ in derivative.factors}
+    of_side = [index for index, _ in derivative.factors if index in (1, 5)]
+    if component in (1, 5) and of_side and speeds <= {0, 1, 5}:
+        return float(factors[component, of_side[0]] if len(of_side) == 1 else factors[1, 1])
+    return float(factors[0, 0]) if component == 0 and speeds == {0} else 1.0
+
+
+def _drag(
+    model: VesselSpec,
+    named: list[tuple[Derivative, float]],
+    density_kgpm3: float,
+    confined: ConfinedWater,
+    centre: Array,
+) -> Array:
+    """Return the (6,) force and moment per u |u| of named resistance and of a table's."""
+    drag = np.zeros(6)
+    drag[0] = sum(value for derivative, value in named if derivative.term[::2] == (0, ((0, False), (0, True))))
+    if model.mmg is not None:
+        area_m2 = confined.resistance * model.mmg.r_0 * model.mmg.length_m * model.mmg.draft_m
+        drag -= 0.5 * density_kgpm3 * area_m2 * at_table(centre)[0]
+    return drag
+
+
+def _table(
+    model: VesselSpec, density_kgpm3: float, centre: Array, confined: ConfinedWater | None
+) -> tuple[Array, tuple[HullPart, ...]]:
     """Return added mass (6, 6) about the origin and the forces of a published table in surge, sway and yaw."""
     place = at_table(centre)
     if model.mmg is not None:
-        mass = mmg_added_mass(model.mmg, density_kgpm3)
-        return place.T @ mass @ place, (MmgHull.from_spec(model.mmg, density_kgpm3, place),)
+        mass, table = mmg_added_mass(model.mmg, density_kgpm3), model.mmg
+        if confined is not None:
+            linear = {"Y_v": (1, 1), "Y_r": (1, 5), "N_v": (5, 1), "N_r": (5, 5)}
+            factors = {name: float(confined.damping[at]) for name, at in linear.items()}
+            factors |= dict.fromkeys(("N_vvr", "N_vrr"), confined.turn_in_drift)
+            derivatives = {name: value * factors.get(name, 1.0) for name, value in table.derivatives.items()}
+            table = replace(table, r_0=table.r_0 * confined.resistance, derivatives=derivatives)
+        return place.T @ mass @ place, (MmgHull.from_spec(table, density_kgpm3, place),)
     if model.abkowitz is not None:
         mass = abkowitz_added_mass(model.abkowitz, density_kgpm3)
         hull = AbkowitzTerms.from_spec(model.abkowitz, density_kgpm3, place, rudder=False)

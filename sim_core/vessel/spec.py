@@ -549,6 +549,11 @@ class VesselSpec(Specification):
         "side force of the flow that a blunt stern sheds: [vessel.md](vessel.md#stern-force); null: on, but off "
         "if matrices or derivatives are given",
     ] = None
+    confined_water: Annotated[
+        bool,
+        "effects of a bottom near the keel, from `environment.water.depth_m`: "
+        "[vessel.md](vessel.md#shallow-water); false: deep water",
+    ] = True
     propellers: Annotated[tuple[Propeller, ...], Items(1, 16), "port first, then starboard"]
     rudders: Annotated[tuple[Rudder, ...], Items(0, 8)] = ()
     actuators: Annotated[

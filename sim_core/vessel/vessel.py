@@ -14,6 +14,7 @@ from sim_core.state_class import state_class
 from sim_core.vessel.battery import Battery, BatteryState
 from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy, wave_shares
 from sim_core.vessel.condition import Condition, healthy, with_row
+from sim_core.vessel.confined_water import confined_water
 from sim_core.vessel.floating import FloatingPose, floating_pose
 from sim_core.vessel.hydrodynamics import Hydrodynamics, at_table, centre_of_lateral_resistance
 from sim_core.vessel.mean_drift import DriftTable, MeanDrift, NoDrift, closed_form_drift
@@ -135,7 +136,8 @@ class Vessel:
         buoyancy = make_buoyancy(model, water)
         rest = floating_pose(model, water, buoyancy)
         panel_tables_of(model, rest.depth_m)  # its errors come before the first wave
-        hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, rest.draft_m)
+        confined = confined_water(model, water, rest)
+        hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, rest.draft_m, confined)
         vessel = cls(
             model=model,
             dt_s=dt_s,

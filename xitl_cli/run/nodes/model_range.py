@@ -12,6 +12,7 @@ import numpy as np
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.simulation import Simulation, SimulationState
+from sim_core.vessel.confined_water import DEEP_OF_LENGTH, LARGEST_FROUDE_NUMBER
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.world.plant import PlantView
@@ -38,6 +39,15 @@ def froude_number(simulation: Simulation, state: SimulationState) -> list[float]
     through_ne = (state.vessel.motion.vel_ned_mps - state.current_ned_mps)[:, :2].tolist()
     root = math.sqrt(GRAVITY_MPS2 * simulation.vessel.model.length_m)
     return [math.hypot(north, east) / root for north, east in through_ne]
+
+
+def depth_froude_number(simulation: Simulation, state: SimulationState) -> list[float]:
+    """Return the speed through the water over the root of g times the depth; 0 where the depth does not sink a hull."""
+    model, depth_m = simulation.vessel.model, simulation.environment.water.depth_m
+    if not model.confined_water or depth_m >= DEEP_OF_LENGTH * model.length_m:
+        return [0.0] * len(state.vessel.motion.pos_ned_m)
+    root = math.sqrt(depth_m / model.length_m)
+    return [figure / root for figure in froude_number(simulation, state)]
 
 
 def deck_under_water(simulation: Simulation, state: SimulationState) -> list[float]:
@@ -68,6 +78,11 @@ LIMITS = (
     RangeLimit(
         "froude_number", 1.0, froude_number,
         "Froude number up to {most:.2f}, above 1 for {share:.1%} of the time: hulls plane there, these have no lift",
+    ),
+    RangeLimit(
+        "depth_froude_number", LARGEST_FROUDE_NUMBER, depth_froude_number,
+        "speed over the root of g h up to {most:.2f}, above 0.7 for {share:.1%} of the time: the formula of the "
+        "sinkage ends there",
     ),
     RangeLimit(
         "deck_under_water", 0.0, deck_under_water,

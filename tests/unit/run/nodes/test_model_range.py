@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim_core.environment.environment import Environment
-from sim_core.environment.spec import WaveSpec
+from sim_core.environment.spec import Water, WaveSpec
 from sim_core.environment.waves import realise_waves
 from sim_core.simulation import Simulation, SimulationState, initial, step
 from tests.golden import Golden
@@ -61,6 +61,15 @@ def test_speed_is_through_the_water_and_its_share_is_counted(golden: Golden) -> 
     assert froude["max"] == pytest.approx(6.0 / np.sqrt(9.80665 * 2.3))
     golden("warning", report["warnings"], "1.26", "50.0")
     assert told == ["froude_number = 1.26 leaves the models' range: at most 1"]
+
+
+def test_speed_is_held_against_that_of_waves_where_a_hull_sinks() -> None:
+    shallow = Simulation.from_spec(MODEL, Environment(water=Water(depth_m=0.5)), 0.0025)
+    report, told = seen([afloat(shallow, speed_mps=speed_mps) for speed_mps in (1.0, 1.5, 2.0, 3.0)], shallow)
+    assert report["model_range"]["depth_froude_number"]["share"] == 0.5  # 0.45, 0.68, 0.90, 1.35
+    assert report["model_range"]["depth_froude_number"]["max"] == pytest.approx(3.0 / np.sqrt(9.80665 * 0.5))
+    assert told == ["depth_froude_number = 0.90 leaves the models' range: at most 0.7"]
+    assert report["warnings"][0].startswith("speed over the root of g h up to 1.35, above 0.7 for 50.0%")
 
 
 def test_a_deck_under_water_is_said() -> None:
