@@ -38,7 +38,9 @@ from xitl_cli.plugins.cameras.images import (
     calibration_topic,
     image_topic,
 )
+from xitl_cli.plugins.cameras.mavlink_camera import GimbalAngles
 from xitl_cli.plugins.cameras.models import Model, body_model, vessel_model, world_model
+from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
 from xitl_cli.plugins.cameras.renderer import FoamTrail, Placed, Response, Shot, Surroundings, View
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
@@ -125,6 +127,10 @@ class CameraNode(RunNode):
         self._problems: list[str] = []
         self._models: dict[str, Model] = {}
         self._studio = RemoteStudio(keys, self._problems.append)
+        servers = StreamServers.of_run(context.scenery)
+        self._outputs = CameraOutputs(keys, profile, servers, context.components_url, self.point, self._angles)
+        if any(camera.serve is not None for camera in keys):
+            self.subscribe(self._outputs.show)
 
     def subscribe(self, listener: Callable[[CameraImage], None]) -> None:
         """Call `listener` with each image when it is available."""
@@ -134,7 +140,12 @@ class CameraNode(RunNode):
         """Command the gimbal of a camera: see Gimbal.command."""
         self._cameras[camera].gimbal.command(pitch_deg, yaw_deg)
 
+    def _angles(self, camera: str) -> GimbalAngles:
+        gimbal = self._cameras[camera].gimbal
+        return GimbalAngles(gimbal.pitch_deg, gimbal.yaw_deg)
+
     def prepare(self) -> None:
+        self._outputs.prepare()
         context = self._context
         vessel = context.profile.vessel or context.profile.name
         self._models = {
@@ -170,6 +181,9 @@ class CameraNode(RunNode):
             self._poses.popleft()
         self._deliver(now_ns)
 
+    def exchange(self, step: RunStep) -> None:
+        self._outputs.poll(step.now_ns)
+
     def end(self) -> None:
         """Record the images that are still under way."""
         while self._due:
@@ -179,6 +193,7 @@ class CameraNode(RunNode):
             camera.exposing.clear()
 
     def close(self) -> None:
+        self._outputs.close()
         self._studio.close()
 
     def report(self) -> dict[str, Any]:
@@ -195,6 +210,7 @@ class CameraNode(RunNode):
                 "renderer": figures.device,
                 "processor_ms_per_image": figures.processor_ms_per_image,
                 "by_name": cameras,
+                **self._outputs.report(),
             },
             "warnings": list(self._problems),
         }
@@ -450,7 +466,7 @@ def calibration(lens: Lens, stamp_ns: int, frame: str) -> messages.CameraCalibra
         frame_id=frame,
         width=lens.width_px,
         height=lens.height_px,
-        distortion_model="equidistant" if lens.fisheye else "plumb_bob",
+        distortion_model="kannala_brandt" if lens.fisheye else "plumb_bob",
         D=list(lens.distortion),
         K=matrix,
         R=np.eye(3).ravel().tolist(),
