@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
-from sim_core.keys import Bounds, Items, NonNegative, Required, Specification, SpecificationError
+from sim_core.keys import Bounds, IfGiven, Items, NonNegative, Required, Specification, SpecificationError
 from sim_core.sensors.spec import (
     BarometerSpec,
     GnssSpec,
     ImuSpec,
     LidarSpec,
     MagnetometerSpec,
+    MarineRadarSpec,
     ObstacleScannerSpec,
     OdometrySpec,
     RangefinderSpec,
@@ -70,7 +71,7 @@ class RecordedSensorsSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorsSpec(Specification):
-    """The sensors of the vessel; lidar and sonar are for a companion."""
+    """The sensors of the vessel; lidar and sonar are for a companion, the radar is recorded."""
 
     imu: ImuSpec
     gnss: GnssSpec
@@ -80,6 +81,7 @@ class SensorsSpec(Specification):
     wind_vane: WindVaneSpec | None = None
     lidar: LidarSpec | None = None
     sonar: SonarSpec | None = None
+    radar: Annotated[MarineRadarSpec | None, IfGiven(), "null: no radar"] = None
     messages: MessagesSpec = MessagesSpec()
     recorded: Annotated[RecordedSensorsSpec | None, "null: all are simulated"] = None
 

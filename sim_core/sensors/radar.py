@@ -1,0 +1,426 @@
+"""A marine radar: a fan beam that turns, spoke by spoke, and echoes in samples of the range.
+
+    state, sector = radar.scan(state, track, first_s, surroundings, rng)
+
+Echoes follow the radar equation (Skolnik 2001, 1.2), as a ratio to the receiver's noise:
+
+    S / N = P G² lambda² sigma F⁴ / ((4 pi)³ R⁴ L k T0 B Fn),   B = 1 / pulse
+
+A turn has cells of azimuth, as wide as a spoke, in north-east axes. Each cell has a complex amplitude for each sample
+of the range: the square root of the mean power, times speckle. Speckle is complex Gaussian and lasts for one pass of
+the beam. A spoke is the sum of the cells, weighted by the beam's pattern in its own direction. The sum over the pulse
+length follows, then the receiver's noise in each pulse, and the mean power of the pulses. Reflectors add their
+amplitude without speckle.
+
+The beam is Gaussian, without side lobes. The vessel's position is that of the middle of a sector (1/24 turn), its
+attitude that of each spoke. Not modelled: Doppler, interference, echoes of earlier pulses, the vessel's own hull.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy import complex64, float32, float64, uint8
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from sim_core.frames import Array, Array32
+from sim_core.sensors.lidar import BodyTrack
+from sim_core.sensors.radar_clutter import (
+    rain_attenuation_dbpkm,
+    rain_reflectivity_per_m,
+    sea_reflectivity_db,
+    spike_shape,
+    wind_factor_db,
+)
+from sim_core.sensors.radar_targets import NO_POINTS, ScatterPoints
+from sim_core.sensors.spec import LIGHT_MPS, SECTORS, MarineRadarSpec
+
+Complex = TypeVar("Complex", NDArray[np.complex64], NDArray[np.complex128])
+_BOLTZMANN_JPK = 1.380649e-23
+_T0_K = 290.0
+_EARTH_M = 4.0 / 3.0 * 6.371e6  # with the refraction of a standard atmosphere
+GAUSSIAN = 4.0 * math.log(2.0)  # exp(-GAUSSIAN) is one sixteenth; half power at half the width
+TWO_WAY_SHARE = math.sqrt(math.pi / (2.0 * GAUSSIAN))
+"""Integral of the two-way pattern over angle, in beam widths: 0.753."""
+_MARGIN = 1.5  # beam widths; the two-way pattern is 54 dB down
+_NEAR_RAD = math.radians(10.0)  # objects nearby are wider than a cell
+_WIDEST = 20  # cells on each side that a point can hide
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadarSurroundings:
+    """Everything that returns or weakens the radar's pulses, at one instant."""
+
+    points: ScatterPoints = NO_POINTS
+    water_down_m: float = 0.0
+    sea_state: float | None = None
+    """Sea state of the clutter, None for none."""
+    wind_from_rad: float = 0.0
+    """Direction from which the wind blows, clockwise from north."""
+    waves_from_rad: float = 0.0
+    wave_height_m: float = 0.0
+    """Significant height; it weakens the path over the water."""
+    rain_mmph: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadarState:
+    """Random fields of the cells, A = spokes of a turn."""
+
+    number: int
+    """Number of the next sector, from 0."""
+    speckle: NDArray[complex64]
+    """Speckle, (A, bins), with mean power 1."""
+    texture: Array32
+    """Mean power of the sea's resolution cells, (A, bins), with mean 1."""
+    drawn_to: int | None
+    """Last cell that has been drawn, counted on over the turns."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadarSector:
+    """K successive spokes. Angles are clockwise."""
+
+    number: int
+    """Sector of the turn, 0 to 23."""
+    turn: int
+    first_s: float
+    """Time of the first spoke, after the start of the track."""
+    heading_rad: float
+    """Heading of the bow at the first spoke, clockwise from north, with its noise."""
+    power: Array
+    """Mean power relative to the receiver's noise, (K, bins); 0 nearer than the shortest range."""
+    intensity: NDArray[uint8]
+    """Intensity after STC, FTC and quantisation, (K, bins)."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarineRadar:
+    """The radar of a specification, with the figures that follow from it."""
+
+    spec: MarineRadarSpec
+    wavelength_m: float = field(init=False)
+    bin_m: float = field(init=False)
+    """Length of a sample of the range."""
+    pulse_bins: int = field(init=False)
+    """Samples within the length of a pulse, at least 1."""
+    pulses: int = field(init=False)
+    """Pulses in a spoke."""
+    sector_spokes: int = field(init=False)
+    spoke_s: float = field(init=False)
+    step_rad: float = field(init=False)
+    """Angle between spokes."""
+    first_bin: int = field(init=False)
+    """First sample beyond the shortest range."""
+    signal_m2: float = field(init=False)
+    """S / N of a cross section of 1 m² at 1 m, for one pulse."""
+
+    def __post_init__(self) -> None:
+        spec = self.spec
+        wavelength_m = LIGHT_MPS / (spec.frequency_mhz * 1e6)
+        gain = 26_000.0 / (spec.beam_deg * spec.beam_height_deg)  # Stutzman and Thiele 2012, 9.3
+        if spec.gain_dbi is not None:
+            gain = 10.0 ** (0.1 * spec.gain_dbi)
+        noise_w = _BOLTZMANN_JPK * _T0_K / (spec.pulse_us * 1e-6) * 10.0 ** (0.1 * spec.noise_figure_db)
+        received_w = spec.peak_power_w * gain**2 * wavelength_m**2 / (4.0 * math.pi) ** 3
+        bin_m = spec.range_m / spec.bins
+        values = {
+            "wavelength_m": wavelength_m,
+            "bin_m": bin_m,
+            "pulse_bins": min(max(round(self.pulse_m / bin_m), 1), spec.bins),
+            "pulses": max(int(spec.prf_hz * 60.0 / spec.rpm / spec.spokes), 1),
+            "sector_spokes": spec.spokes // SECTORS,
+            "spoke_s": 60.0 / spec.rpm / spec.spokes,
+            "step_rad": math.tau / spec.spokes,
+            "first_bin": min(math.ceil(spec.min_range_m / bin_m), spec.bins - 1),
+            "signal_m2": received_w / noise_w * 10.0 ** (-0.1 * spec.losses_db),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def pulse_m(self) -> float:
+        """Length of the pulse in range, c tau / 2."""
+        return 0.5 * LIGHT_MPS * self.spec.pulse_us * 1e-6
+
+    @property
+    def sector_s(self) -> float:
+        """Time of a sector."""
+        return self.spoke_s * self.sector_spokes
+
+    @property
+    def middle_m(self) -> Array:
+        """Ranges of the middles of the samples, (bins,)."""
+        return np.linspace(0.5, self.spec.bins - 0.5, self.spec.bins) * self.bin_m
+
+    def initial(self, rng: Generator) -> RadarState:
+        """Return the state before the first sector."""
+        shape = (self.spec.spokes, self.spec.bins)
+        return RadarState(0, _speckle(shape, rng), np.ones(shape, float32), None)
+
+    def scan(
+        self, state: RadarState, track: BodyTrack, first_s: float, surroundings: RadarSurroundings, rng: Generator
+    ) -> tuple[RadarState, RadarSector]:
+        """Return the state after a sector, and the sector.
+
+        Its first spoke is first_s after the start of the track, at the bow for the first sector of a turn.
+        """
+        # Directions of the spokes, and the antenna in the middle of the sector
+        spec, count = self.spec, self.sector_spokes
+        number = state.number % SECTORS
+        angle_rad = (number * count + np.arange(count)) * self.step_rad
+        place, turned = track.poses(first_s + np.arange(count, dtype=float64) * self.spoke_s)
+        axis = turned[:, :, 0] * np.cos(angle_rad)[:, None] + turned[:, :, 1] * np.sin(angle_rad)[:, None]
+        spoke = np.unwrap(np.arctan2(axis[:, 1], axis[:, 0])) / self.step_rad
+        middle = count // 2
+        origin = place[middle] + turned[middle] @ np.array(spec.position_frd_m)
+        # Cells that the beam can reach, counted on from those of the last sector
+        margin = _MARGIN * math.radians(spec.beam_deg) / self.step_rad
+        if state.drawn_to is not None:
+            spoke += spec.spokes * round((state.drawn_to + count - spoke.max() - margin) / spec.spokes)
+        cells = np.arange(math.floor(spoke.min() - margin), math.ceil(spoke.max() + margin) + 1)
+        state = self._drawn(state, cells, origin, surroundings, rng)
+        # Amplitudes of the cells, and the sum over the beam and over the pulse
+        view = _SectorView(self, origin, turned[middle][:, 2], cells, surroundings)
+        power, steady = view.echoes(state.texture[cells % spec.spokes])
+        amplitude = np.sqrt(power) * state.speckle[cells % spec.spokes] + steady
+        off_widths = (spoke[:, None] - cells) * (self.step_rad / math.radians(spec.beam_deg))
+        signal = _summed(np.exp(-GAUSSIAN * off_widths**2) @ amplitude, self.pulse_bins)
+        received = self._received(signal, rng)
+        received[:, : self.first_bin] = 0.0
+        # Heading with its noise
+        bow = turned[0][:, 0]
+        heading_rad = math.atan2(bow[1], bow[0]) + math.radians(spec.heading_noise_deg) * rng.standard_normal()
+        turn = state.number // SECTORS
+        sector = RadarSector(number, turn, first_s, heading_rad % math.tau, received, self.video(received))
+        return RadarState(state.number + 1, state.speckle, state.texture, state.drawn_to), sector
+
+    def video(self, power: Array) -> NDArray[uint8]:
+        """Return the intensities (K, bins) of powers (K, bins): STC, FTC on the logarithm, and eight bits."""
+        spec = self.spec
+        level_db = 10.0 * np.log10(np.maximum(power, 1e-6))
+        if spec.stc_range_m:
+            gain_db = 10.0 * spec.stc_exponent * np.log10(self.middle_m / spec.stc_range_m)
+            level_db += np.minimum(gain_db, 0.0)
+        if spec.ftc_m:
+            length = max(round(spec.ftc_m / self.bin_m), 1)
+            before = np.cumsum(np.pad(level_db, ((0, 0), (length + 1, 0)), mode="edge"), axis=1)
+            level_db = level_db - (before[:, length:-1] - before[:, : -length - 1]) / length
+        steps = np.rint((level_db - spec.floor_db) * (255.0 / spec.span_db))
+        steps[:, : self.first_bin] = 0.0
+        return np.clip(steps, 0.0, 255.0).astype(uint8)
+
+    def signal_to_noise(self, section_m2: Array, range_m: Array, rain_mmph: float = 0.0) -> Array:
+        """Return S / N (...,) of one pulse for cross sections in the middle of the beam: the radar equation."""
+        attenuation_db = 2e-3 * rain_attenuation_dbpkm(rain_mmph, self.spec.frequency_mhz * 1e-3) * range_m
+        ratio: Array = self.signal_m2 * section_m2 / range_m**4 * 10.0 ** (-0.1 * attenuation_db)
+        return ratio
+
+    def _received(self, signal: NDArray[np.complex128], rng: Generator) -> Array:
+        """Return the mean power of the pulses. Noise is as long as a pulse in range, and new in each pulse."""
+        power = np.zeros(signal.shape)
+        for _ in range(self.pulses):
+            noise = _summed(_speckle(signal.shape, rng), self.pulse_bins)
+            noise *= float32(1.0 / math.sqrt(self.pulse_bins))
+            received = signal + noise
+            power += received.real**2 + received.imag**2
+        return power / self.pulses
+
+    def _drawn(
+        self,
+        state: RadarState,
+        cells: NDArray[np.intp],
+        origin: Array,
+        surroundings: RadarSurroundings,
+        rng: Generator,
+    ) -> RadarState:
+        """Return the state with new speckle and texture in the cells that the beam has not reached before."""
+        spec, last = self.spec, int(cells[-1])
+        first = int(cells[0]) if state.drawn_to is None else state.drawn_to + 1
+        new = np.arange(max(first, last - spec.spokes + 1), last + 1)
+        if not len(new):
+            return state
+        speckle, texture = state.speckle.copy(), state.texture
+        speckle[new % spec.spokes] = _speckle((len(new), spec.bins), rng)
+        if surroundings.sea_state is not None:
+            # One gamma variable for each resolution cell: a beam width and a pulse length
+            texture = texture.copy()
+            width = max(round(math.radians(spec.beam_deg) / self.step_rad), 1)
+            grazing_deg = self._grazing_deg(surroundings.water_down_m - origin[2])[:: self.pulse_bins]
+            range_m = self.middle_m[:: self.pulse_bins]
+            cell_m2 = range_m * math.radians(spec.beam_deg) * TWO_WAY_SHARE * self.pulse_m
+            blocks = new // width
+            for block in np.unique(blocks).tolist():
+                from_waves_rad = (block + 0.5) * width * self.step_rad - surroundings.waves_from_rad
+                shape = spike_shape(grazing_deg, cell_m2, np.full(len(range_m), from_waves_rad), spec.polarisation)
+                drawn = np.repeat(rng.standard_gamma(shape) / shape, self.pulse_bins)[: spec.bins]
+                texture[new[blocks == block] % spec.spokes] = drawn
+        return RadarState(state.number, speckle, texture, last)
+
+    def _grazing_deg(self, height_m: float) -> Array:
+        """Return the grazing angles (bins,) at the water; negative beyond the horizon and nearer than it can be."""
+        sine = np.minimum(height_m / self.middle_m, 1.0) - self.middle_m / (2.0 * _EARTH_M)
+        return np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SectorView:
+    """A cells of azimuth as the radar sees them from one position."""
+
+    radar: MarineRadar
+    origin_ned_m: Array
+    down_ned: Array
+    """Down axis of the vessel, which the beam turns about."""
+    cells: NDArray[np.intp]
+    surroundings: RadarSurroundings
+
+    def echoes(self, texture: Array32) -> tuple[Array, NDArray[np.complex128]]:
+        """Return the mean powers (A, bins) of echoes with speckle, and the amplitudes (A, bins) of those without.
+
+        Both are relative to the receiver's noise, in the middle of the beam, before the sum over the pulse.
+        """
+        radar, bins = self.radar, self.radar.spec.bins
+        size = len(self.cells) * bins
+        points, cell, number, slant_m, slope, toward = self._points()
+        horizon = self._horizon(points, cell, number, slant_m, slope)
+        before = np.full_like(horizon, -np.inf)
+        before[:, 1:] = horizon[:, :-1]
+        nearest = np.clip(np.rint(cell).astype(np.intp), 0, len(self.cells) - 1)
+        seen = (slope >= before[nearest, number]) & (np.abs(cell - nearest) < 0.51)
+        power = radar.signal_to_noise(points.cross_section_m2(toward), slant_m, self.surroundings.rain_mmph)
+        power *= self._height_pattern(nearest, np.arctan(slope)) * self._multipath(points, slant_m)
+        place = nearest * bins + number
+        rough, steady = seen & (points.constant_m2 == 0.0), seen & (points.constant_m2 > 0.0)
+        objects: Array = np.bincount(place[rough], power[rough], size).astype(float64).reshape(len(self.cells), bins)
+        powers = objects + self._sea(texture, horizon) + self._rain()
+        wave = np.sqrt(power[steady]) * np.exp(-4j * math.pi / radar.wavelength_m * slant_m[steady])
+        amplitudes = np.zeros(size, np.complex128)
+        np.add.at(amplitudes, place[steady], wave)
+        return powers, amplitudes.reshape(powers.shape)
+
+    def _points(self) -> tuple[ScatterPoints, Array, NDArray[np.intp], Array, Array, Array]:
+        """Return the points in these cells and within the range, with cell, sample, slant range, slope upward and unit
+        vector to the radar.
+        """
+        radar, points = self.radar, self.surroundings.points
+        relative = points.place_m - self.origin_ned_m
+        middle_rad = 0.5 * float(self.cells[0] + self.cells[-1]) * radar.step_rad
+        half_rad = 0.5 * len(self.cells) * radar.step_rad + _NEAR_RAD
+        square = relative[:, 0] ** 2 + relative[:, 1] ** 2
+        along = relative[:, 0] * math.cos(middle_rad) + relative[:, 1] * math.sin(middle_rad)
+        near = (along > 0.0) & (along**2 > square * math.cos(half_rad) ** 2) & (square < radar.spec.range_m**2)
+        rows = np.flatnonzero(near & (points.place_m[:, 2] < self.surroundings.water_down_m) & (square > 1.0))
+        relative, range_m = relative[rows], np.sqrt(square[rows])
+        slant_m = np.sqrt(square[rows] + relative[:, 2] ** 2)
+        number = (slant_m / radar.bin_m).astype(np.intp)
+        inside = number < radar.spec.bins
+        rows, relative, range_m, slant_m = rows[inside], relative[inside], range_m[inside], slant_m[inside]
+        azimuth_rad = np.arctan2(relative[:, 1], relative[:, 0]) - middle_rad
+        cell = np.remainder(azimuth_rad + math.pi, math.tau) - math.pi
+        cell = cell / radar.step_rad + 0.5 * (len(self.cells) - 1)
+        slope = (-relative[:, 2] - range_m**2 / (2.0 * _EARTH_M)) / range_m
+        some = ScatterPoints(
+            points.place_m[rows], points.facing_m2[rows], points.half_m[rows], points.constant_m2[rows],
+            points.in_water[rows],
+        )  # fmt: skip
+        return some, cell, number[inside], slant_m, slope, -relative / slant_m[:, None]
+
+    def _horizon(
+        self, points: ScatterPoints, cell: Array, number: NDArray[np.intp], slant_m: Array, slope: Array
+    ) -> Array:
+        """Return the steepest slope up to each sample of the range (A, bins): everything below is hidden."""
+        bins = self.radar.spec.bins
+        reach = points.half_m / (slant_m * self.radar.step_rad)
+        first = np.maximum(np.ceil(cell - np.minimum(reach, _WIDEST) - 0.5), 0).astype(np.intp)
+        last = np.minimum(np.floor(cell + np.minimum(reach, _WIDEST) + 0.5), len(self.cells) - 1).astype(np.intp)
+        count = np.where(points.half_m > 0.0, np.maximum(last - first + 1, 0), 0)
+        row = np.repeat(np.arange(len(count)), count)
+        across = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        steepest = np.full((len(self.cells), bins), -np.inf)
+        np.maximum.at(steepest, (first[row] + across, number[row]), slope[row])
+        # The water hides objects beyond its horizon
+        height_m = max(self.surroundings.water_down_m - float(self.origin_ned_m[2]), 0.0)
+        range_m = self.radar.middle_m
+        water = -height_m / range_m - range_m / (2.0 * _EARTH_M)
+        horizon_m = math.sqrt(2.0 * _EARTH_M * height_m)
+        tangent = np.where(range_m > horizon_m, water.max(), water)
+        return np.maximum(np.maximum.accumulate(steepest, axis=1), np.where(range_m > horizon_m, tangent, -np.inf))
+
+    def _height_pattern(self, cell: NDArray[np.intp], elevation_rad: Array) -> Array:
+        """Return the two-way pattern of the beam over its height. cell and elevation_rad have one shape."""
+        azimuth_rad = self.cells[cell] * self.radar.step_rad
+        north, east, down = self.down_ned
+        tilt_rad = np.arctan((np.cos(azimuth_rad) * north + np.sin(azimuth_rad) * east) / max(float(down), 0.1))
+        pattern: Array = np.exp(
+            -2.0 * GAUSSIAN * ((elevation_rad - tilt_rad) / math.radians(self.radar.spec.beam_height_deg)) ** 2
+        )
+        return pattern
+
+    def _multipath(self, points: ScatterPoints, slant_m: Array) -> Array:
+        """Return F⁴ of objects afloat: a second path over the water, with the coefficient -rho of a rough surface.
+
+        F² = 1 + rho² - 2 rho cos(4 pi h H / (lambda R)), rho = exp(-2 (2 pi s sin(grazing) / lambda)²) (Ament 1953).
+        """
+        if not self.radar.spec.multipath:
+            return np.ones(len(points))
+        water_down_m = self.surroundings.water_down_m
+        antenna_m, height_m = water_down_m - float(self.origin_ned_m[2]), water_down_m - points.place_m[:, 2]
+        sine = (antenna_m + height_m) / slant_m
+        rough = 2.0 * math.pi * 0.25 * self.surroundings.wave_height_m * sine / self.radar.wavelength_m
+        rho = np.exp(-2.0 * rough**2)
+        phase = 4.0 * math.pi * antenna_m * height_m / (self.radar.wavelength_m * slant_m)
+        square = 1.0 + rho**2 - 2.0 * rho * np.cos(phase)
+        return np.where(points.in_water > 0.0, square**2, 1.0)
+
+    def _sea(self, texture: Array32, horizon: Array) -> Array:
+        """Return the mean powers (A, bins) of the sea's echoes, where nothing hides it."""
+        radar, around = self.radar, self.surroundings
+        height_m = around.water_down_m - float(self.origin_ned_m[2])
+        if around.sea_state is None or height_m <= 0.0:
+            return np.zeros(horizon.shape)
+        spec, range_m = radar.spec, radar.middle_m
+        grazing_deg = radar._grazing_deg(height_m)
+        level_db = sea_reflectivity_db(grazing_deg, spec.frequency_mhz * 1e-3, around.sea_state, spec.polarisation)
+        from_wind_rad = self.cells.astype(float64)[:, None] * radar.step_rad - around.wind_from_rad
+        level_db = level_db + wind_factor_db(from_wind_rad, grazing_deg, radar.wavelength_m)
+        cell_m2 = range_m * radar.step_rad * radar.pulse_m / radar.pulse_bins
+        power = radar.signal_to_noise(cell_m2, range_m, around.rain_mmph) * 10.0 ** (0.1 * level_db)
+        cell = np.broadcast_to(np.arange(len(self.cells))[:, None], horizon.shape)
+        elevation_rad = -np.arcsin(np.minimum(height_m / range_m, 1.0))
+        power *= self._height_pattern(cell, np.broadcast_to(elevation_rad, horizon.shape)) * texture
+        slope = -height_m / range_m - range_m / (2.0 * _EARTH_M)
+        return np.where((slope >= horizon) & (grazing_deg > 0.0) & (range_m > height_m), power, 0.0)
+
+    def _rain(self) -> Array:
+        """Return the mean powers (bins,) of rain. It fills the upper half of the beam."""
+        radar, rain_mmph = self.radar, self.surroundings.rain_mmph
+        if not rain_mmph:
+            return np.zeros(radar.spec.bins)
+        range_m = radar.middle_m
+        high_rad = 0.5 * TWO_WAY_SHARE * math.radians(radar.spec.beam_height_deg)
+        volume_m3 = range_m**2 * radar.step_rad * high_rad * radar.pulse_m / radar.pulse_bins
+        section_m2 = rain_reflectivity_per_m(rain_mmph, radar.wavelength_m) * volume_m3
+        return radar.signal_to_noise(section_m2, range_m, rain_mmph)
+
+
+def _speckle(shape: tuple[int, ...], rng: Generator) -> NDArray[complex64]:
+    """Draw complex Gaussian numbers with mean power 1."""
+    pairs = rng.standard_normal((*shape, 2), dtype=float32)
+    pairs *= float32(math.sqrt(0.5))
+    drawn: NDArray[complex64] = pairs.view(complex64)[..., 0]
+    return drawn
+
+
+def _summed(values: Complex, length: int) -> Complex:
+    """Return the sums over `length` samples about each sample, along the last axis; outside is zero."""
+    before = (length - 1) // 2
+    rows, samples = values.shape
+    running = np.zeros((rows, samples + length), values.dtype)
+    np.cumsum(values, axis=1, out=running[:, before + 1 : before + 1 + samples])
+    running[:, before + 1 + samples :] = running[:, before + samples, None]
+    summed: Complex = running[:, length:] - running[:, :-length]
+    return summed
