@@ -19,7 +19,7 @@ attitude that of each spoke. Not modelled: Doppler, interference, echoes of earl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -36,7 +36,7 @@ from sim_core.sensors.radar_clutter import (
     spike_shape,
     wind_factor_db,
 )
-from sim_core.sensors.radar_targets import NO_POINTS, ScatterPoints
+from sim_core.sensors.radar_targets import ScatterPoints
 from sim_core.sensors.spec import LIGHT_MPS, SECTORS, MarineRadarSpec
 
 Complex = TypeVar("Complex", NDArray[np.complex64], NDArray[np.complex128])
@@ -55,7 +55,8 @@ _WIDEST = 20  # cells on each side that a point can hide
 class RadarSurroundings:
     """Everything that returns or weakens the radar's pulses, at one instant."""
 
-    points: ScatterPoints = NO_POINTS
+    points: tuple[ScatterPoints, ...] = ()
+    """Objects, in NED."""
     water_down_m: float = 0.0
     sea_state: float | None = None
     """Sea state of the clutter, None for none."""
@@ -69,16 +70,16 @@ class RadarSurroundings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadarState:
-    """Random fields of the cells, A = spokes of a turn."""
+    """Random fields of the A cells that the beam reached last."""
 
     number: int
     """Number of the next sector, from 0."""
+    first_cell: int
+    """Number of the first cell, counted on over the turns."""
     speckle: NDArray[complex64]
     """Speckle, (A, bins), with mean power 1."""
     texture: Array32
     """Mean power of the sea's resolution cells, (A, bins), with mean 1."""
-    drawn_to: int | None
-    """Last cell that has been drawn, counted on over the turns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,10 +158,9 @@ class MarineRadar:
         """Ranges of the middles of the samples, (bins,)."""
         return np.linspace(0.5, self.spec.bins - 0.5, self.spec.bins) * self.bin_m
 
-    def initial(self, rng: Generator) -> RadarState:
+    def initial(self) -> RadarState:
         """Return the state before the first sector."""
-        shape = (self.spec.spokes, self.spec.bins)
-        return RadarState(0, _speckle(shape, rng), np.ones(shape, float32), None)
+        return RadarState(0, 0, np.empty((0, self.spec.bins), complex64), np.empty((0, self.spec.bins), float32))
 
     def scan(
         self, state: RadarState, track: BodyTrack, first_s: float, surroundings: RadarSurroundings, rng: Generator
@@ -180,16 +180,17 @@ class MarineRadar:
         origin = place[middle] + turned[middle] @ np.array(spec.position_frd_m)
         # Cells that the beam can reach, counted on from those of the last sector
         margin = _MARGIN * math.radians(spec.beam_deg) / self.step_rad
-        if state.drawn_to is not None:
-            spoke += spec.spokes * round((state.drawn_to + count - spoke.max() - margin) / spec.spokes)
+        expected = state.first_cell + count + margin
+        spoke += spec.spokes * round((expected - spoke.min()) / spec.spokes)
         cells = np.arange(math.floor(spoke.min() - margin), math.ceil(spoke.max() + margin) + 1)
         state = self._drawn(state, cells, origin, surroundings, rng)
         # Amplitudes of the cells, and the sum over the beam and over the pulse
         view = _SectorView(self, origin, turned[middle][:, 2], cells, surroundings)
-        power, steady = view.echoes(state.texture[cells % spec.spokes])
-        amplitude = np.sqrt(power) * state.speckle[cells % spec.spokes] + steady
+        power, steady = view.echoes(state.texture)
+        amplitude = (np.sqrt(power) * state.speckle + steady).astype(complex64)
         off_widths = (spoke[:, None] - cells) * (self.step_rad / math.radians(spec.beam_deg))
-        signal = _summed(np.exp(-GAUSSIAN * off_widths**2) @ amplitude, self.pulse_bins)
+        pattern = np.exp(-GAUSSIAN * off_widths**2).astype(float32)
+        signal = _summed((pattern @ amplitude.view(float32)).view(complex64), self.pulse_bins)
         received = self._received(signal, rng)
         received[:, : self.first_bin] = 0.0
         # Heading with its noise
@@ -197,7 +198,7 @@ class MarineRadar:
         heading_rad = math.atan2(bow[1], bow[0]) + math.radians(spec.heading_noise_deg) * rng.standard_normal()
         turn = state.number // SECTORS
         sector = RadarSector(number, turn, first_s, heading_rad % math.tau, received, self.video(received))
-        return RadarState(state.number + 1, state.speckle, state.texture, state.drawn_to), sector
+        return replace(state, number=state.number + 1), sector
 
     def video(self, power: Array) -> NDArray[uint8]:
         """Return the intensities (K, bins) of powers (K, bins): STC, FTC on the logarithm, and eight bits."""
@@ -220,7 +221,7 @@ class MarineRadar:
         ratio: Array = self.signal_m2 * section_m2 / range_m**4 * 10.0 ** (-0.1 * attenuation_db)
         return ratio
 
-    def _received(self, signal: NDArray[np.complex128], rng: Generator) -> Array:
+    def _received(self, signal: NDArray[complex64], rng: Generator) -> Array:
         """Return the mean power of the pulses. Noise is as long as a pulse in range, and new in each pulse."""
         power = np.zeros(signal.shape)
         for _ in range(self.pulses):
@@ -238,28 +239,32 @@ class MarineRadar:
         surroundings: RadarSurroundings,
         rng: Generator,
     ) -> RadarState:
-        """Return the state with new speckle and texture in the cells that the beam has not reached before."""
-        spec, last = self.spec, int(cells[-1])
-        first = int(cells[0]) if state.drawn_to is None else state.drawn_to + 1
-        new = np.arange(max(first, last - spec.spokes + 1), last + 1)
-        if not len(new):
-            return state
-        speckle, texture = state.speckle.copy(), state.texture
-        speckle[new % spec.spokes] = _speckle((len(new), spec.bins), rng)
+        """Return the state with these cells: kept ones, and others with new speckle and texture."""
+        spec = self.spec
+        known = np.flatnonzero((cells >= state.first_cell) & (cells < state.first_cell + len(state.speckle)))
+        new = np.setdiff1d(np.arange(len(cells)), known, assume_unique=True)
+        speckle, texture = np.empty((len(cells), spec.bins), complex64), np.ones((len(cells), spec.bins), float32)
+        speckle[known] = state.speckle[cells[known] - state.first_cell]
+        texture[known] = state.texture[cells[known] - state.first_cell]
+        speckle[new] = _speckle((len(new), spec.bins), rng)
         if surroundings.sea_state is not None:
             # One gamma variable for each resolution cell: a beam width and a pulse length
-            texture = texture.copy()
             width = max(round(math.radians(spec.beam_deg) / self.step_rad), 1)
             grazing_deg = self._grazing_deg(surroundings.water_down_m - origin[2])[:: self.pulse_bins]
             range_m = self.middle_m[:: self.pulse_bins]
             cell_m2 = range_m * math.radians(spec.beam_deg) * TWO_WAY_SHARE * self.pulse_m
-            blocks = new // width
-            for block in np.unique(blocks).tolist():
-                from_waves_rad = (block + 0.5) * width * self.step_rad - surroundings.waves_from_rad
-                shape = spike_shape(grazing_deg, cell_m2, np.full(len(range_m), from_waves_rad), spec.polarisation)
-                drawn = np.repeat(rng.standard_gamma(shape) / shape, self.pulse_bins)[: spec.bins]
-                texture[new[blocks == block] % spec.spokes] = drawn
-        return RadarState(state.number, speckle, texture, last)
+            blocks = cells // width
+            for block in np.unique(blocks[new]).tolist():
+                same = known[blocks[known] == block]
+                if len(same):
+                    drawn = texture[same[0]]
+                else:
+                    from_waves_rad = (block + 0.5) * width * self.step_rad - surroundings.waves_from_rad
+                    shape = spike_shape(grazing_deg, cell_m2, np.full(len(range_m), from_waves_rad), spec.polarisation)
+                    spikes = rng.standard_gamma(shape) / shape
+                    drawn = np.repeat(spikes, self.pulse_bins)[: spec.bins].astype(float32)
+                texture[new[blocks[new] == block]] = drawn
+        return RadarState(state.number, int(cells[0]), speckle, texture)
 
     def _grazing_deg(self, height_m: float) -> Array:
         """Return the grazing angles (bins,) at the water; negative beyond the horizon and nearer than it can be."""
@@ -306,28 +311,30 @@ class _SectorView:
         """Return the points in these cells and within the range, with cell, sample, slant range, slope upward and unit
         vector to the radar.
         """
-        radar, points = self.radar, self.surroundings.points
-        relative = points.place_m - self.origin_ned_m
+        radar, origin = self.radar, self.origin_ned_m
         middle_rad = 0.5 * float(self.cells[0] + self.cells[-1]) * radar.step_rad
         half_rad = 0.5 * len(self.cells) * radar.step_rad + _NEAR_RAD
-        square = relative[:, 0] ** 2 + relative[:, 1] ** 2
-        along = relative[:, 0] * math.cos(middle_rad) + relative[:, 1] * math.sin(middle_rad)
-        near = (along > 0.0) & (along**2 > square * math.cos(half_rad) ** 2) & (square < radar.spec.range_m**2)
-        rows = np.flatnonzero(near & (points.place_m[:, 2] < self.surroundings.water_down_m) & (square > 1.0))
-        relative, range_m = relative[rows], np.sqrt(square[rows])
-        slant_m = np.sqrt(square[rows] + relative[:, 2] ** 2)
-        number = (slant_m / radar.bin_m).astype(np.intp)
-        inside = number < radar.spec.bins
-        rows, relative, range_m, slant_m = rows[inside], relative[inside], range_m[inside], slant_m[inside]
+        chosen = []
+        for part in self.surroundings.points:
+            north, east = part.place_m[:, 0] - origin[0], part.place_m[:, 1] - origin[1]
+            square = north * north + east * east
+            along = north * math.cos(middle_rad) + east * math.sin(middle_rad)
+            near = along > math.cos(half_rad) * np.sqrt(square)
+            near &= (square < radar.spec.range_m**2) & (square > 1.0)
+            near &= part.place_m[:, 2] < self.surroundings.water_down_m
+            chosen.append(part.select(np.flatnonzero(near)))
+        points = ScatterPoints.joined(chosen)
+        relative = points.place_m - origin
+        slant_m = np.linalg.norm(relative, axis=1)
+        inside = np.flatnonzero(slant_m < radar.spec.range_m)
+        points, relative, slant_m = points.select(inside), relative[inside], slant_m[inside]
+        number = np.minimum((slant_m / radar.bin_m).astype(np.intp), radar.spec.bins - 1)
+        range_m = np.hypot(relative[:, 0], relative[:, 1])
         azimuth_rad = np.arctan2(relative[:, 1], relative[:, 0]) - middle_rad
         cell = np.remainder(azimuth_rad + math.pi, math.tau) - math.pi
         cell = cell / radar.step_rad + 0.5 * (len(self.cells) - 1)
         slope = (-relative[:, 2] - range_m**2 / (2.0 * _EARTH_M)) / range_m
-        some = ScatterPoints(
-            points.place_m[rows], points.facing_m2[rows], points.half_m[rows], points.constant_m2[rows],
-            points.in_water[rows],
-        )  # fmt: skip
-        return some, cell, number[inside], slant_m, slope, -relative / slant_m[:, None]
+        return points, cell, number, slant_m, slope, -relative / slant_m[:, None]
 
     def _horizon(
         self, points: ScatterPoints, cell: Array, number: NDArray[np.intp], slant_m: Array, slope: Array
@@ -351,7 +358,7 @@ class _SectorView:
         return np.maximum(np.maximum.accumulate(steepest, axis=1), np.where(range_m > horizon_m, tangent, -np.inf))
 
     def _height_pattern(self, cell: NDArray[np.intp], elevation_rad: Array) -> Array:
-        """Return the two-way pattern of the beam over its height. cell and elevation_rad have one shape."""
+        """Return the two-way pattern of the beam over its height, in the shape of cell and elevation_rad together."""
         azimuth_rad = self.cells[cell] * self.radar.step_rad
         north, east, down = self.down_ned
         tilt_rad = np.arctan((np.cos(azimuth_rad) * north + np.sin(azimuth_rad) * east) / max(float(down), 0.1))
@@ -389,9 +396,8 @@ class _SectorView:
         level_db = level_db + wind_factor_db(from_wind_rad, grazing_deg, radar.wavelength_m)
         cell_m2 = range_m * radar.step_rad * radar.pulse_m / radar.pulse_bins
         power = radar.signal_to_noise(cell_m2, range_m, around.rain_mmph) * 10.0 ** (0.1 * level_db)
-        cell = np.broadcast_to(np.arange(len(self.cells))[:, None], horizon.shape)
         elevation_rad = -np.arcsin(np.minimum(height_m / range_m, 1.0))
-        power *= self._height_pattern(cell, np.broadcast_to(elevation_rad, horizon.shape)) * texture
+        power *= self._height_pattern(np.arange(len(self.cells))[:, None], elevation_rad) * texture
         slope = -height_m / range_m - range_m / (2.0 * _EARTH_M)
         return np.where((slope >= horizon) & (grazing_deg > 0.0) & (range_m > height_m), power, 0.0)
 

@@ -5,8 +5,8 @@
 A sample is detected when its power exceeds T times the mean of cells around it (cell-averaging CFAR, Finn and Johnson
 1968). Cells are a pulse length apart, so that their noise is independent. The power of a spoke is the mean of m pulses.
 In noise alone, the ratio of a sample to the mean of n cells has the F distribution with 2 m and 2 m n degrees of
-freedom, and T is its quantile for the false-alarm rate. Clutter is correlated over the pulses and spiky, and has more
-false alarms.
+freedom, and T is its quantile for the false-alarm rate. Rayleigh clutter is the same in all pulses of a spoke, so m = 1
+(`cfar: clutter`). The spikes of the sea and edges of clutter have more false alarms.
 """
 
 from __future__ import annotations
@@ -86,7 +86,8 @@ def detections(radar: MarineRadar, power: Array) -> NDArray[np.bool_]:
         total[:, :-shift] += (power * valid)[:, shift:]
         count[shift:] += valid[:-shift]
         count[:-shift] += valid[shift:]
-    factor = np.array([math.inf if n < 4 else cfar_factor(spec.false_alarm_rate, radar.pulses, n) for n in count])
+    pulses = radar.pulses if spec.cfar == "noise" else 1
+    factor = np.array([math.inf if n < 4 else cfar_factor(spec.false_alarm_rate, pulses, n) for n in count.tolist()])
     usable = (valid == 1) & (count >= 4)
     mean = total / np.maximum(count, 1)
     detected: NDArray[np.bool_] = np.zeros(power.shape, np.bool_)

@@ -10,10 +10,11 @@ rugged mountains and towns 0 dB). Gammas of wood, plastic and hides are chosen.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sim_core.frames import Array
 from sim_core.world.geometry import MATERIALS, Mesh
@@ -61,7 +62,7 @@ class ScatterPoints:
         return len(self.place_m)
 
     @classmethod
-    def joined(cls, parts: list[ScatterPoints]) -> ScatterPoints:
+    def joined(cls, parts: Iterable[ScatterPoints]) -> ScatterPoints:
         """Join several parts in order."""
         parts = [NO_POINTS, *parts]
         return cls(
@@ -79,9 +80,12 @@ class ScatterPoints:
 
     def above(self, water_down_m: float) -> ScatterPoints:
         """Return the points above the water."""
-        dry = self.place_m[:, 2] < water_down_m
+        return self.select(np.flatnonzero(self.place_m[:, 2] < water_down_m))
+
+    def select(self, rows: NDArray[np.intp]) -> ScatterPoints:
+        """Return the points of some rows."""
         return ScatterPoints(
-            self.place_m[dry], self.facing_m2[dry], self.half_m[dry], self.constant_m2[dry], self.in_water[dry]
+            self.place_m[rows], self.facing_m2[rows], self.half_m[rows], self.constant_m2[rows], self.in_water[rows]
         )
 
     def cross_section_m2(self, toward: Array) -> Array:
@@ -94,40 +98,28 @@ NO_POINTS = ScatterPoints(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.em
 
 
 def mesh_points(mesh: Mesh, spacing_m: float, afloat: bool = False) -> ScatterPoints:
-    """Return points on the triangles of a mesh, in its axes, at most spacing_m apart.
+    """Return points on the triangles of a mesh, in its axes: the middles of parts with edges up to spacing_m.
 
-    A triangle with a longest edge of k spacings is divided into k² similar triangles, each with a point in its middle.
+    A larger triangle is halved at the middle of its longest edge, again and again.
     """
     corners = mesh.vertices_m[mesh.faces]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    parts = np.maximum(np.ceil(edges / spacing_m), 1).astype(int)
-    places, facings, halves = [], [], []
-    for count in np.unique(parts).tolist():
-        some = corners[parts == count]
-        middles = _middles(count)
-        normal = 0.5 * np.cross(some[:, 1] - some[:, 0], some[:, 2] - some[:, 0]) / count**2
-        places.append(np.einsum("kc,tcx->tkx", middles, some).reshape(-1, 3))
-        facings.append(np.repeat(normal, len(middles), axis=0))
-        halves.append(np.repeat(0.5 * edges[parts == count] / count, len(middles)))
-    if not places:
-        return NO_POINTS
-    place = np.concatenate(places)
-    facing = np.concatenate(facings) * GAMMA[mesh.material]
+    parts, widths = [np.empty((0, 3, 3))], [np.empty(0)]
+    while len(corners):
+        edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        longest, row = edges.argmax(axis=1), np.arange(len(corners))
+        done = edges[row, longest] <= spacing_m
+        parts.append(corners[done])
+        widths.append(edges[row, longest][done])
+        corners, longest, row = corners[~done], longest[~done], np.arange(np.count_nonzero(~done))
+        start, end, apex = (corners[row, (longest + turn) % 3] for turn in range(3))
+        middle = 0.5 * (start + end)
+        corners = np.concatenate([np.stack([start, middle, apex], axis=1), np.stack([middle, end, apex], axis=1)])
+    triangles = np.concatenate(parts)
+    normal = 0.5 * np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    none, floating = np.zeros(len(triangles)), np.full(len(triangles), float(afloat))
     return ScatterPoints(
-        place, facing, np.concatenate(halves), np.zeros(len(place)), np.full(len(place), float(afloat))
+        triangles.mean(axis=1), normal * GAMMA[mesh.material], 0.5 * np.concatenate(widths), none, floating
     )
-
-
-def _middles(count: int) -> Array:
-    """Return the (count², 3) weights of the corners for the middles of a triangle's similar parts."""
-    rows = []
-    for i in range(count):
-        for j in range(count - i):
-            rows.append((i + 1 / 3, j + 1 / 3))
-            if i + j < count - 1:
-                rows.append((i + 2 / 3, j + 2 / 3))
-    weights = np.array(rows) / count
-    return np.column_stack([1.0 - weights.sum(axis=1), weights])
 
 
 def vessel_points(mesh: Mesh, spacing_m: float) -> ScatterPoints:

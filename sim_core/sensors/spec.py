@@ -314,8 +314,12 @@ class MarineRadarSpec(Specification):
     span_db: Annotated[float, Bounds(at_least=10, at_most=120), "levels from intensity 0 to 255"] = 80.0
     heading_noise_deg: Annotated[NonNegative, "of the heading in the messages, for each sector"] = 0.5
     false_alarm_rate: Annotated[
-        float, Bounds(at_least=1e-8, at_most=0.1), "probability of a detection in a sample with noise only"
+        float, Bounds(at_least=1e-8, at_most=0.1), "probability of a detection in a sample of noise or clutter alone"
     ] = 1e-4
+    cfar: Annotated[
+        Literal["noise", "clutter"],
+        "echo that has the false-alarm rate: noise, new in each pulse, or Rayleigh clutter, which lasts for a spoke",
+    ] = "clutter"
     cfar_cells: Annotated[int, Bounds(at_least=4, at_most=64), "cells that estimate the noise, half on each side"] = 16
     plot_spokes: Annotated[int, Bounds(at_least=1, at_most=100), "least number of spokes in a plot"] = 3
     reflectors: Annotated[tuple[RadarReflectorSpec, ...], Items(0, 1000), "buoys and other points"] = ()
