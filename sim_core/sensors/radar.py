@@ -40,6 +40,8 @@ from sim_core.sensors.radar_targets import ScatterPoints
 from sim_core.sensors.spec import LIGHT_MPS, SECTORS, MarineRadarSpec
 
 Complex = TypeVar("Complex", NDArray[np.complex64], NDArray[np.complex128])
+FIRST_ANGLE_RAD = math.pi
+"""Angle from the bow of the first spoke of a turn. The image of a moving vessel has its seam there."""
 _BOLTZMANN_JPK = 1.380649e-23
 _T0_K = 290.0
 _EARTH_M = 4.0 / 3.0 * 6.371e6  # with the refraction of a standard atmosphere
@@ -158,6 +160,10 @@ class MarineRadar:
         """Ranges of the middles of the samples, (bins,)."""
         return np.linspace(0.5, self.spec.bins - 0.5, self.spec.bins) * self.bin_m
 
+    def angle_rad(self, sector: int) -> float:
+        """Return the angle of the first spoke of a sector of the turn, clockwise from the bow, 0 to 2 pi."""
+        return (FIRST_ANGLE_RAD + sector * self.sector_spokes * self.step_rad) % math.tau
+
     def initial(self) -> RadarState:
         """Return the state before the first sector."""
         return RadarState(0, 0, np.empty((0, self.spec.bins), complex64), np.empty((0, self.spec.bins), float32))
@@ -167,12 +173,12 @@ class MarineRadar:
     ) -> tuple[RadarState, RadarSector]:
         """Return the state after a sector, and the sector.
 
-        Its first spoke is first_s after the start of the track, at the bow for the first sector of a turn.
+        Its first spoke is first_s after the start of the track. The first sector of a turn begins astern.
         """
         # Directions of the spokes, and the antenna in the middle of the sector
         spec, count = self.spec, self.sector_spokes
         number = state.number % SECTORS
-        angle_rad = (number * count + np.arange(count)) * self.step_rad
+        angle_rad = self.angle_rad(number) + np.arange(count) * self.step_rad
         place, turned = track.poses(first_s + np.arange(count, dtype=float64) * self.spoke_s)
         axis = turned[:, :, 0] * np.cos(angle_rad)[:, None] + turned[:, :, 1] * np.sin(angle_rad)[:, None]
         spoke = np.unwrap(np.arctan2(axis[:, 1], axis[:, 0])) / self.step_rad

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.frames import Array
-from sim_core.sensors.radar import MarineRadar
+from sim_core.sensors.radar import FIRST_ANGLE_RAD, MarineRadar
 
 _GUARD = 1  # pulse lengths between a sample and the cells beside it
 
@@ -99,7 +99,7 @@ def find_plots(radar: MarineRadar, power: Array) -> list[RadarPlotPlace]:
     """Return the plots of a turn with powers (spokes, bins), by range.
 
     Detected samples join if they overlap in adjacent spokes, or are at most a pulse length apart in one spoke. The
-    turn is closed: plots extend across the bow. A plot has samples in at least `plot_spokes` spokes.
+    turn is closed: plots extend across its first spoke. A plot has samples in at least `plot_spokes` spokes.
     """
     detected = detections(radar, power)
     runs = _runs(detected, radar.pulse_bins)
@@ -158,7 +158,7 @@ def _plot(
     spokes = radar.spec.spokes
     if len(np.unique(runs[:, 0])) < radar.spec.plot_spokes:
         return None
-    # Spokes counted on across the bow, from after the largest gap
+    # Spokes counted on across the end of the turn, from after the largest gap
     own = np.unique(runs[:, 0])
     gaps = np.diff(np.append(own, own[0] + spokes))
     start = int(own[(int(np.argmax(gaps)) + 1) % len(own)])
@@ -173,7 +173,7 @@ def _plot(
     centre = float(strength @ turned[row]) / total + start
     return RadarPlotPlace(
         middle * radar.bin_m,
-        (centre * radar.step_rad) % math.tau,
+        (FIRST_ANGLE_RAD + centre * radar.step_rad) % math.tau,
         10.0 * math.log10(float(strength.max())),
         float(runs[:, 2].max() - runs[:, 1].min() + 1) * radar.bin_m,
         float(turned.max() + 1) * radar.step_rad,

@@ -325,7 +325,11 @@ class MarineRadarSpec(Specification):
     reflectors: Annotated[tuple[RadarReflectorSpec, ...], Items(0, 1000), "buoys and other points"] = ()
 
     def check(self) -> None:
-        check_limits(self.min_range_m, self.range_m)
+        if self.min_range_m >= self.range_m:
+            raise SpecificationError(
+                ("min_range_m",),
+                f"= {self.min_range_m:g} is not below range_m = {self.range_m:g}; lower it, or raise range_m",
+            )
         farthest_m = 0.5 * LIGHT_MPS / self.prf_hz
         if self.range_m > farthest_m:
             raise SpecificationError(

@@ -434,7 +434,7 @@ class PerceptionRecorder:
             sector.turn,
             sector.number,
             *sector.intensity.shape,
-            sector.number * radar.sector_spokes * radar.step_rad,
+            radar.angle_rad(sector.number),
             radar.step_rad,
             radar.spoke_s,
             radar.spoke_s * radar.spec.spokes,
