@@ -322,6 +322,14 @@ class _SectorView:
         half_rad = 0.5 * len(self.cells) * radar.step_rad + _NEAR_RAD
         chosen = []
         for part in self.surroundings.points:
+            north_m, east_m, radius_m = part.circle_ne_m
+            distance_m = math.hypot(north_m - origin[0], east_m - origin[1])
+            if distance_m > radius_m:
+                off_rad = math.remainder(math.atan2(east_m - origin[1], north_m - origin[0]) - middle_rad, math.tau)
+                if abs(off_rad) > half_rad + math.asin(radius_m / distance_m):
+                    continue
+            if distance_m > radius_m + radar.spec.range_m:
+                continue
             north, east = part.place_m[:, 0] - origin[0], part.place_m[:, 1] - origin[1]
             square = north * north + east * east
             along = north * math.cos(middle_rad) + east * math.sin(middle_rad)

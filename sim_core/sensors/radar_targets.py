@@ -57,6 +57,8 @@ class ScatterPoints:
     """Constant cross sections, (P,); 0 for surfaces."""
     in_water: Array
     """1 for objects afloat, whose echo has a second path over the water, otherwise 0, (P,)."""
+    circle_ne_m: tuple[float, float, float] = (0.0, 0.0, math.inf)
+    """Middle and radius of a circle around all points in plan."""
 
     def __len__(self) -> int:
         return len(self.place_m)
@@ -76,7 +78,7 @@ class ScatterPoints:
     def moved(self, pos_ned_m: Array, rot_ned_body: Array) -> ScatterPoints:
         """Return the points of a body with this pose, in NED."""
         place = pos_ned_m + self.place_m @ rot_ned_body.T
-        return replace(self, place_m=place, facing_m2=self.facing_m2 @ rot_ned_body.T)
+        return replace(self, place_m=place, facing_m2=self.facing_m2 @ rot_ned_body.T, circle_ne_m=(0.0, 0.0, math.inf))
 
     def above(self, water_down_m: float) -> ScatterPoints:
         """Return the points above the water."""
@@ -88,6 +90,21 @@ class ScatterPoints:
             self.place_m[rows], self.facing_m2[rows], self.half_m[rows], self.constant_m2[rows], self.in_water[rows]
         )
 
+    def tiles(self, size_m: float) -> list[ScatterPoints]:
+        """Return the points by squares of a size in plan, with their circles."""
+        if not len(self):
+            return []
+        square = np.floor(self.place_m[:, :2] / size_m).astype(np.intp)
+        _, tile = np.unique(square, axis=0, return_inverse=True)
+        order = np.argsort(tile, kind="stable")
+        parts = []
+        for rows in np.split(order, np.cumsum(np.bincount(tile))[:-1]):
+            part = self.select(rows)
+            north_m, east_m = part.place_m[:, :2].mean(axis=0).tolist()
+            radius_m = float(np.hypot(part.place_m[:, 0] - north_m, part.place_m[:, 1] - east_m).max())
+            parts.append(replace(part, circle_ne_m=(north_m, east_m, radius_m)))
+        return parts
+
     def cross_section_m2(self, toward: Array) -> Array:
         """Return the cross sections (P,) in unit directions (P, 3) from the points to the radar."""
         section: Array = np.maximum(np.vecdot(self.facing_m2, toward), 0.0) + self.constant_m2
@@ -97,12 +114,14 @@ class ScatterPoints:
 NO_POINTS = ScatterPoints(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
 
 
-def mesh_points(mesh: Mesh, spacing_m: float, afloat: bool = False) -> ScatterPoints:
+def mesh_points(mesh: Mesh, spacing_m: float, afloat: bool = False, water_down_m: float = math.inf) -> ScatterPoints:
     """Return points on the triangles of a mesh, in its axes: the middles of parts with edges up to spacing_m.
 
-    A larger triangle is halved at the middle of its longest edge, again and again.
+    A larger triangle is halved at the middle of its longest edge, again and again. Parts that are wholly below
+    water_down_m, in the same axes, are left out.
     """
     corners = mesh.vertices_m[mesh.faces]
+    corners = corners[corners[:, :, 2].min(axis=1) < water_down_m]
     parts, widths = [np.empty((0, 3, 3))], [np.empty(0)]
     while len(corners):
         edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
@@ -114,6 +133,7 @@ def mesh_points(mesh: Mesh, spacing_m: float, afloat: bool = False) -> ScatterPo
         start, end, apex = (corners[row, (longest + turn) % 3] for turn in range(3))
         middle = 0.5 * (start + end)
         corners = np.concatenate([np.stack([start, middle, apex], axis=1), np.stack([middle, end, apex], axis=1)])
+        corners = corners[corners[:, :, 2].min(axis=1) < water_down_m]
     triangles = np.concatenate(parts)
     normal = 0.5 * np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     none, floating = np.zeros(len(triangles)), np.full(len(triangles), float(afloat))

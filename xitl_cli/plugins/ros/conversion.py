@@ -25,7 +25,15 @@ from sim_core.sensors.spec import LidarSpec
 from xitl_cli.plugins.ros import instruments, msg
 from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.plugins.ros.diagnostics import Diagnostics
-from xitl_cli.plugins.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
+from xitl_cli.plugins.ros.frames import (
+    LIDAR_FRAME,
+    RADAR_FRAME,
+    SONAR_FRAME,
+    FixedFrame,
+    frame_name,
+    named_frame,
+    sensor_frames,
+)
 from xitl_cli.plugins.ros.outputs import (
     ANSWERS_LINK,
     DIAGNOSED,
@@ -192,6 +200,8 @@ class VesselConversion:
             if sensors.sonar is not None:
                 handlers["/sonar/points"] = partial(self._sonar_cloud, frame_of[SONAR_FRAME])
                 handlers["/sonar/ping"] = partial(self._ping, math.radians(sensors.sonar.heading_deg))
+            if sensors.radar is not None:
+                handlers["/marine_radar/sector"] = self._radar_sector
         self._users: dict[str, list[UserTopic]] = {}
         for user in user_topics(profile.ros):
             self._users.setdefault(user.of, []).append(user)
@@ -219,6 +229,8 @@ class VesselConversion:
             names += ["points", "scan"]
         if sensors is not None and sensors.sonar is not None:
             names += ["sonar/points", "sonar/echo"]
+        if sensors is not None and sensors.radar is not None:
+            names += ["marine_radar/sector"]
         yield from (self._named[name] for name in names)
         yield from (self._named["thrusters/{thruster}/state"].of(thruster.name) for thruster in self._thrusters)
         if self._instruments is not None:
@@ -377,6 +389,23 @@ class VesselConversion:
         points_m = instruments.echo_points(angle_rad, (np.arange(len(intensity)) + 0.5) * sample_m)
         header = msg.header(stamp_ns, self._framed(SONAR_FRAME))
         yield self._message("sonar/echo", instruments.point_cloud(header, points_m, intensity), stamp_ns)
+
+    def _radar_sector(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        sector = deserialize(payload, TOPICS["/marine_radar/sector"].schema)
+        types, topic = ros2_types().types, OUTPUTS["marine_radar/sector"]
+        duration, echo = types["builtin_interfaces/msg/Duration"], types["marine_sensor_msgs/msg/RadarEcho"]
+        spokes = np.asarray(sector.intensity, np.uint8).reshape(sector.spokes, sector.bins).astype(np.float32)
+        message = types[topic.type](
+            header=msg.header(stamp_ns, self._framed(RADAR_FRAME)),
+            angle_start=-sector.angle_start_rad,
+            angle_increment=-sector.angle_increment_rad,
+            time_increment=duration(*divmod(round(sector.time_increment_s * 1e9), 1_000_000_000)),
+            scan_time=duration(*divmod(round(sector.scan_time_s * 1e9), 1_000_000_000)),
+            range_min=sector.range_min_m,
+            range_max=sector.range_max_m,
+            intensities=[echo(echoes=spoke) for spoke in spokes],
+        )
+        yield self._message("marine_radar/sector", message, stamp_ns)
 
     # Frames of MAVLink
 

@@ -18,6 +18,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, vessel_name
 
 IMU_FRAME, GNSS_FRAME, LIDAR_FRAME, SONAR_FRAME = "imu_link", "gnss_link", "lidar_link", "sonar_link"
+RADAR_FRAME = "radar_link"
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -62,6 +63,8 @@ def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
     if sensors.sonar is not None:
         heading_rad = math.radians(sensors.sonar.heading_deg)
         yield _mounted(SONAR_FRAME, sensors.sonar.position_frd_m, flu_turn(0.0, 0.0, heading_rad))
+    if sensors.radar is not None:
+        yield _mounted(RADAR_FRAME, sensors.radar.position_frd_m)
 
 
 def named_frame(frame: FixedFrame, vessel: str) -> FixedFrame:

@@ -30,6 +30,9 @@ from xitl_cli.seeds import Seeds
 FIXED_SPACING_M, BODY_SPACING_M = 2.0, 0.5
 """Largest distance between scattering points of fixed structures, and of vessels and drifting bodies."""
 
+TILE_M = 40.0
+"""Size of the squares by which fixed points are looked up."""
+
 
 class RadarWorld:
     """Everything around a vessel that the radar can see."""
@@ -62,13 +65,16 @@ class RadarWorld:
             self._shape(mesh, vessel=number >= debris).moved(place, turned)
             for number, (mesh, place, turned) in enumerate(poses)
         ]
-        parts = (self._fixed, *moving, self._reflectors(water_down_m))
+        parts = (*self._fixed, *moving, self._reflectors(water_down_m))
         return replace(self._weather, points=parts, water_down_m=water_down_m)
 
     @cached_property
-    def _fixed(self) -> ScatterPoints:
-        parts = [mesh_points(part.mesh, FIXED_SPACING_M) for part in self._scenery.scene.parts]
-        return ScatterPoints.joined(parts).above(self._scenery.water_down_m + self._lowest_m)
+    def _fixed(self) -> list[ScatterPoints]:
+        lowest_down_m = self._scenery.water_down_m + self._lowest_m
+        parts = [
+            mesh_points(part.mesh, FIXED_SPACING_M, water_down_m=lowest_down_m) for part in self._scenery.scene.parts
+        ]
+        return ScatterPoints.joined(parts).above(lowest_down_m).tiles(TILE_M)
 
     def _shape(self, mesh: Mesh, vessel: bool) -> ScatterPoints:
         key = id(mesh), vessel
