@@ -276,8 +276,12 @@ class RadarReflectorSpec(Specification):
 
     place_ne_m: Annotated[Place, Required] = (0.0, 0.0)
     kind: Annotated[ReflectorKind, "object of IMO MSC.192(79), table 2, with its cross section and height"] = "buoy"
-    cross_section_m2: Annotated[Positive | None, "null: the cross section of the kind"] = None
-    height_m: Annotated[Positive | None, "height above the water; null: the height of the kind"] = None
+    cross_section_m2: Annotated[
+        Annotated[float, Bounds(above=0, at_most=1e8)] | None, "null: the cross section of the kind"
+    ] = None
+    height_m: Annotated[
+        Annotated[float, Bounds(above=0, at_most=1000)] | None, "height above the water; null: the height of the kind"
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,15 +291,18 @@ class MarineRadarSpec(Specification):
     position_frd_m: Annotated[Vector, "position of the antenna"] = (0.0, 0.0, -3.0)
     frequency_mhz: Annotated[float, Bounds(at_least=9000, at_most=10_000)] = 9410.0
     polarisation: Literal["horizontal", "vertical"] = "horizontal"
-    peak_power_w: Positive = 4000.0
+    peak_power_w: Annotated[float, Bounds(above=0, at_most=1e6)] = 4000.0
     beam_deg: Annotated[float, Bounds(at_least=0.2, at_most=20), "width of the beam, one way at half power"] = 4.0
     beam_height_deg: Annotated[float, Bounds(at_least=1, at_most=60), "height of the beam, as its width"] = 25.0
-    gain_dbi: Annotated[float | None, "gain of the antenna; null: 26000 / (width times height of the beam)"] = None
+    gain_dbi: Annotated[
+        Annotated[float, Bounds(at_least=0, at_most=60)] | None,
+        "gain of the antenna; null: 26000 / (width times height of the beam)",
+    ] = None
     pulse_us: Annotated[float, Bounds(at_least=0.01, at_most=2), "length of the pulse"] = 0.08
     prf_hz: Annotated[float, Bounds(at_least=100, at_most=10_000), "pulses per second"] = 2100.0
     rpm: Annotated[float, Bounds(at_least=5, at_most=60), "turns of the antenna per minute"] = 24.0
-    noise_figure_db: NonNegative = 6.0
-    losses_db: Annotated[NonNegative, "all losses, out and back"] = 4.0
+    noise_figure_db: Annotated[float, Bounds(at_least=0, at_most=40)] = 6.0
+    losses_db: Annotated[float, Bounds(at_least=0, at_most=40), "all losses, out and back"] = 4.0
     range_m: Annotated[float, Bounds(at_least=50, at_most=100_000)] = 750.0
     min_range_m: Annotated[NonNegative, "nearer echoes are lost in the transmitted pulse"] = 20.0
     bins: Annotated[int, Bounds(at_least=64, at_most=2048), "samples along a spoke"] = 512
@@ -305,14 +312,22 @@ class MarineRadarSpec(Specification):
         "sea state of the clutter; null: from waves and wind, and no clutter without both",
     ] = None
     multipath: Annotated[bool, "lobes by the path over the water, for vessels, drifting bodies and reflectors"] = True
-    stc_range_m: Annotated[NonNegative, "range up to which the gain is reduced (STC); 0: not"] = 0.0
+    stc_range_m: Annotated[
+        float, Bounds(at_least=0, at_most=100_000), "range up to which the gain is reduced (STC); 0: not"
+    ] = 0.0
     stc_exponent: Annotated[
         float, Bounds(at_least=0, at_most=5), "exponent of STC: the gain grows with this power of the range"
     ] = 3.0
-    ftc_m: Annotated[NonNegative, "length of the mean that is subtracted along the range (FTC); 0: none"] = 0.0
+    ftc_m: Annotated[
+        float,
+        Bounds(at_least=0, at_most=100_000),
+        "length of the mean that is subtracted along the range (FTC); 0: none",
+    ] = 0.0
     floor_db: Annotated[float, Bounds(at_least=-20, at_most=60), "level of intensity 0, above the noise"] = 0.0
     span_db: Annotated[float, Bounds(at_least=10, at_most=120), "levels from intensity 0 to 255"] = 80.0
-    heading_noise_deg: Annotated[NonNegative, "of the heading in the messages, for each sector"] = 0.5
+    heading_noise_deg: Annotated[
+        float, Bounds(at_least=0, at_most=180), "of the heading in the messages, for each sector"
+    ] = 0.5
     false_alarm_rate: Annotated[
         float, Bounds(at_least=1e-8, at_most=0.1), "probability of a detection in a sample of noise or clutter alone"
     ] = 1e-4

@@ -67,6 +67,7 @@ PICTURES: dict[str, Maker] = {
     "faults.png": plots.faults,
     "fleet.png": plots.fleet,
     "perception.png": plots.perception,
+    "radar.png": plots.radar,
     "learning.png": plots.learning,
     "identify.png": plots.identification,
     "sim-to-real.png": plots.real_boat,

@@ -379,7 +379,7 @@ def test_the_false_alarm_rate_is_that_of_the_key(rate: float, cfar: str, rain_mm
     Samples are independent along a spoke, as they are longer than a pulse. The echo of rain is the same over a beam.
     """
     spec = MarineRadarSpec(
-        **FREE_SPACE, range_m=3000.0, bins=128, spokes=720, peak_power_w=1e9, false_alarm_rate=rate, cfar=cfar
+        **FREE_SPACE, range_m=3000.0, bins=128, spokes=720, peak_power_w=1e6, false_alarm_rate=rate, cfar=cfar
     )
     radar = MarineRadar(spec)
     power, _ = turns(radar, RadarSurroundings(rain_mmph=rain_mmph), count=6, seed=3)

@@ -81,7 +81,7 @@ class SensorsSpec(Specification):
     wind_vane: WindVaneSpec | None = None
     lidar: LidarSpec | None = None
     sonar: SonarSpec | None = None
-    radar: Annotated[MarineRadarSpec | None, IfGiven(), "null: no radar"] = None
+    radar: Annotated[MarineRadarSpec | None, IfGiven()] = None
     messages: MessagesSpec = MessagesSpec()
     recorded: Annotated[RecordedSensorsSpec | None, "null: all are simulated"] = None
 
