@@ -337,6 +337,10 @@ class MarineRadarSpec(Specification):
     ] = "clutter"
     cfar_cells: Annotated[int, Bounds(at_least=4, at_most=64), "cells that estimate the noise, half on each side"] = 16
     plot_spokes: Annotated[int, Bounds(at_least=1, at_most=100), "least number of spokes in a plot"] = 3
+    picture_px: Annotated[
+        Annotated[int, Bounds(at_least=64, at_most=2048)] | None,
+        "width and height of a recorded picture of each turn; null: none",
+    ] = None
     reflectors: Annotated[tuple[RadarReflectorSpec, ...], Items(0, 1000), "buoys and other points"] = ()
 
     def check(self) -> None:
@@ -344,6 +348,19 @@ class MarineRadarSpec(Specification):
             raise SpecificationError(
                 ("min_range_m",),
                 f"= {self.min_range_m:g} is not below range_m = {self.range_m:g}; lower it, or raise range_m",
+            )
+        if self.position_frd_m[2] >= 0.0:
+            raise SpecificationError(
+                ("position_frd_m",),
+                f"= [{', '.join(f'{part:g}' for part in self.position_frd_m)}] is not above the water, where the "
+                "body's origin floats; use a negative third number, such as -3",
+            )
+        longest_us = self.range_m / 8.0 / (0.5e-6 * LIGHT_MPS)
+        if self.pulse_us > longest_us:
+            raise SpecificationError(
+                ("pulse_us",),
+                f"= {self.pulse_us:g} is {0.5e-6 * LIGHT_MPS * self.pulse_us:.0f} m long, more than an eighth of "
+                f"range_m; use {math.floor(longest_us * 1e3) / 1e3:g} or less, or raise range_m",
             )
         farthest_m = 0.5 * LIGHT_MPS / self.prf_hz
         if self.range_m > farthest_m:

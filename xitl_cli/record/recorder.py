@@ -449,6 +449,12 @@ class PerceptionRecorder:
         topic, values = _RECORDS[RadarPlot]
         self._topics.write(topic, stamp_ns, *values(plot))
 
+    def radar_picture(self, stamp_ns: int, png: bytes) -> None:
+        """Write the picture of the turn that ended at `stamp_ns`."""
+        frame = self._topics.frame(VESSEL_FRAME)
+        image = messages.CompressedImage(timestamp=timestamp(stamp_ns), frame_id=frame, data=png, format="png")
+        self._topics.write("/marine_radar/picture", stamp_ns, image)
+
     def odom_frame(self, stamp_ns: int, pos_ned_m: Array, quat_ned_frd: Array) -> None:
         """Write the true pose of the body when the odometry began: (3,), (4,). Tools then draw the map in its place."""
         position = frames.ned_to_enu(np.asarray(pos_ned_m, dtype=np.float64)).tolist()

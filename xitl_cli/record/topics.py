@@ -644,6 +644,8 @@ _TABLE = (
           "[perception.md](perception.md#radar)", RadarSectorMessage, from_start=False),
     Topic("/marine_radar/plots", "xitl_msgs/msg/RadarPlot", "each plot, after its turn",
           "objects in the radar's image: range, bearing, strength, size", RadarPlot, from_start=False),
+    Topic("/marine_radar/picture", "foxglove.CompressedImage", "each turn, with `sensors.radar.picture_px`",
+          "the turn as a display shows it, bow up (PNG)", from_start=False),
     Topic("/companion/odometry", "nav_msgs/msg/Odometry", "each registered cloud",
           "pose of the companion's odometry in `odom`, the frame at its start; without variances: all are 1e6",
           OdometryMessage, from_start=False),

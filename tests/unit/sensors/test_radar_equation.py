@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -431,9 +432,11 @@ def test_two_points_a_beam_and_a_half_apart_are_two_plots_and_half_a_beam_apart_
         ({"range_m": 80_000.0}, "prf_hz: 1873 or less"),
         ({"spokes": 700}, "use 696 or 720"),
         ({"spokes": 4320, "prf_hz": 1000.0}, "is more than the 2500 pulses of a turn"),
+        ({"position_frd_m": (0.0, 0.0, 0.5)}, "is not above the water"),
+        ({"range_m": 60.0}, "use 0.05 or less, or raise range_m"),
         ({"min_range_m": 800.0}, "min_range_m = 800 is not below range_m = 750"),
     ],
 )
-def test_impossible_radars_are_refused_with_a_fix(keys: dict[str, float], text: str) -> None:
+def test_impossible_radars_are_refused_with_a_fix(keys: dict[str, Any], text: str) -> None:
     with pytest.raises(SpecificationError, match=text):
         MarineRadarSpec(**keys)

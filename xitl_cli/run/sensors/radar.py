@@ -23,6 +23,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.record.topics import RadarPlot
 from xitl_cli.run.core.node import RunStep
+from xitl_cli.run.sensors.radar_picture import RadarPicture
 from xitl_cli.run.world.plant import PlantView
 from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
@@ -100,6 +101,7 @@ class RadarInstrument:
         self._radar = MarineRadar(spec)
         self._world = world
         self._rng = rng
+        self._picture = None if spec.picture_px is None else RadarPicture(self._radar, spec.picture_px)
         self._state = self._radar.initial()
         self._recorder: PerceptionRecorder | None = None
         self._motions: list[tuple[int, Kinematics]] = []
@@ -154,6 +156,10 @@ class RadarInstrument:
         self._sectors.append((start_ns, sector))
         if sector.number < SECTORS - 1:
             return
+        end_ns = start_ns + round(radar.sector_s * 1e9)
+        if recorder is not None and self._picture is not None:
+            image = np.concatenate([sector.intensity for _, sector in self._sectors])
+            recorder.radar_picture(end_ns, self._picture.png(image))
         power = np.concatenate([sector.power for _, sector in self._sectors])
         for plot in find_plots(radar, power):
             stamp_ns, own = self._sectors[plot.spoke // radar.sector_spokes]
@@ -162,7 +168,7 @@ class RadarInstrument:
             if recorder is not None:
                 bearing_rad = (own.heading_rad + plot.bearing_rad) % math.tau
                 recorder.radar_plot(
-                    start_ns + round(radar.sector_s * 1e9),
+                    end_ns,
                     RadarPlot(
                         sector.turn,
                         stamp_ns,

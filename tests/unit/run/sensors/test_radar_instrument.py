@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -37,9 +38,13 @@ class Kept:
     def __init__(self) -> None:
         self.sectors: list[tuple[int, RadarSector]] = []
         self.plots: list[tuple[int, RadarPlot]] = []
+        self.pictures: list[tuple[int, bytes]] = []
 
     def radar_sector(self, stamp_ns: int, radar: MarineRadar, sector: RadarSector) -> None:
         self.sectors.append((stamp_ns, sector))
+
+    def radar_picture(self, stamp_ns: int, png: bytes) -> None:
+        self.pictures.append((stamp_ns, png))
 
     def radar_plot(self, stamp_ns: int, plot: RadarPlot) -> None:
         self.plots.append((stamp_ns, plot))
@@ -101,6 +106,24 @@ def test_a_buoy_is_at_its_place_at_any_heading(heading_deg: float) -> None:
     assert plot.range_m == pytest.approx(200.0, abs=1.5)
     assert math.degrees(plot.true_bearing_rad) == pytest.approx(90.0, abs=0.3)
     assert math.degrees(plot.bearing_rad) == pytest.approx((90.0 - heading_deg) % 360.0, abs=0.3)
+
+
+def test_a_picture_has_the_bow_up_and_starboard_to_the_right(tmp_path: Path) -> None:
+    """Read by Pillow: the buoy at 200 m of 250 m to starboard, on a vessel that heads north."""
+    image = pytest.importorskip("PIL.Image")
+    kept = told(radar_of(profile(BUOYS, "sensors.radar.range_m=250", "sensors.radar.picture_px=500")), 2.6)
+    ((stamp_ns, png),) = kept.pictures
+    assert stamp_ns == STEP_NS + 2_500_000_000
+    (tmp_path / "turn.png").write_bytes(png)
+    with image.open(tmp_path / "turn.png") as opened:
+        pixels = np.asarray(opened)
+    assert pixels.shape == (500, 500)
+    assert pixels.dtype == np.uint8
+    row, column = np.unravel_index(int(np.argmax(pixels)), pixels.shape)
+    assert row == pytest.approx(250, abs=20)  # within the beam
+    assert math.hypot(row + 0.5 - 250, column + 0.5 - 250) == pytest.approx(200, abs=7)  # within the pulse
+    assert column > 250
+    assert pixels[0, 0] == 0
 
 
 def test_the_measured_heading_has_its_noise() -> None:
