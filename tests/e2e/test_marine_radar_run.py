@@ -46,14 +46,14 @@ def test_the_profile_of_the_river_repeats_bit_for_bit(xitl: Xitl, tmp_path: Path
         assert summary["perception"]["radar"]["turns"] == 2
     one, other = topics(tmp_path / "a" / "run.mcap"), topics(tmp_path / "b" / "run.mcap")
     assert [topic for topic in one if one[topic] != other.get(topic)] == []
-    assert len(one["/marine_radar/sector"]) == 57  # 24 a turn of 2.5 s, as far as they are complete
+    assert len(one["/marine_radar/sector"]) == 56  # of 57 complete ones in 6 s: 24 in 2.5 s
     assert len(one["/marine_radar/plots"]) == summary["perception"]["radar"]["plots"] > 10
 
 
 def test_the_radar_sees_the_other_vessel_where_it_is(xitl: Xitl, tmp_path: Path) -> None:
     """In calm and open water, each turn has a plot at the other vessel's hull, within a sample and half a beam."""
     (tmp_path / "own.yaml").write_text(OPEN_WATER, encoding="utf-8")
-    ran = xitl("sim", "own.yaml", "--duration", "20.1", "--out", "run", timeout_s=300)
+    ran = xitl("sim", "own.yaml", "--duration", "20.3", "--out", "run", timeout_s=300)
     assert ran.returncode == 0, ran.stderr
     with open_log(tmp_path / "run/run.mcap", "boat") as log:
         state, plots = log.tables["/truth/state"], log.tables["/marine_radar/plots"]

@@ -1,9 +1,11 @@
-"""The radar in a run: keeps the motion during a sector, scans it at its end, and finds the plots of each turn."""
+"""The radar in a run: keeps the motion during a sector, and scans it in a thread after its end."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -94,19 +96,75 @@ class RadarWorld:
         return reflector_points(np.array(places).reshape(-1, 3), np.array(sections))
 
 
+@dataclass(frozen=True, slots=True)
+class ScannedSector:
+    """Results of a sector. The last one of a turn has its plots, and its picture if there are pictures."""
+
+    start_ns: int
+    sector: RadarSector
+    plots: tuple[RadarPlot, ...] = ()
+    png: bytes | None = None
+
+
+class RadarProcessor:
+    """Scans sector after sector, and finds the plots of each turn."""
+
+    def __init__(self, radar: MarineRadar, rng: Generator) -> None:
+        self._radar = radar
+        self._rng = rng
+        self._state = radar.initial()
+        picture_px = radar.spec.picture_px
+        self._picture = None if picture_px is None else RadarPicture(radar, picture_px)
+        self._turn: list[ScannedSector] = []
+
+    def scan(self, track: BodyTrack, start_ns: int, around: RadarSurroundings) -> ScannedSector:
+        """Return the sector that began at start_ns."""
+        first_s = (start_ns - int(track.stamps_ns[0])) * 1e-9
+        self._state, sector = self._radar.scan(self._state, track, first_s, around, self._rng)
+        scanned = ScannedSector(start_ns, sector)
+        self._turn.append(scanned)
+        if sector.number < SECTORS - 1:
+            return scanned
+        turn, self._turn = self._turn, []
+        png = None
+        if self._picture is not None:
+            png = self._picture.png(np.concatenate([part.sector.intensity for part in turn]))
+        return ScannedSector(start_ns, sector, tuple(self._plots(turn)), png)
+
+    def _plots(self, turn: list[ScannedSector]) -> Iterator[RadarPlot]:
+        radar = self._radar
+        for plot in find_plots(radar, np.concatenate([part.sector.power for part in turn])):
+            own = turn[plot.spoke // radar.sector_spokes]
+            yield RadarPlot(
+                own.sector.turn,
+                own.start_ns + round(plot.spoke % radar.sector_spokes * radar.spoke_s * 1e9),
+                plot.range_m,
+                plot.bearing_rad,
+                (own.sector.heading_rad + plot.bearing_rad) % math.tau,
+                plot.strength_db,
+                plot.length_m,
+                plot.width_rad,
+                plot.samples,
+            )
+
+
 class RadarInstrument:
-    """The radar of a vessel. The first spoke is at the first physics step."""
+    """The radar of a vessel. The first spoke is at the first physics step.
+
+    A thread processes a sector while the physics continues. Its results are recorded at the end of the next sector, in
+    every run alike. A run therefore does not record its last sector.
+    """
 
     def __init__(self, spec: MarineRadarSpec, world: RadarWorld, rng: Generator) -> None:
         self._radar = MarineRadar(spec)
+        self._processor = RadarProcessor(self._radar, rng)
+        self._thread = ThreadPoolExecutor(max_workers=1)
         self._world = world
-        self._rng = rng
-        self._picture = None if spec.picture_px is None else RadarPicture(self._radar, spec.picture_px)
-        self._state = self._radar.initial()
         self._recorder: PerceptionRecorder | None = None
         self._motions: list[tuple[int, Kinematics]] = []
         self._begin_ns: int | None = None
-        self._sectors: list[tuple[int, RadarSector]] = []
+        self._number = 0
+        self._pending: Future[ScannedSector] | None = None
         self._turns = self._plots = 0
 
     @property
@@ -119,21 +177,20 @@ class RadarInstrument:
         self._recorder = recorder
 
     def update(self, step: RunStep) -> list[Message]:
-        """Scan a sector if it has ended. The companion gets no messages from the radar."""
+        """Begin to scan a sector that has ended. The companion gets no messages from the radar."""
         if self._begin_ns is None:
             self._begin_ns = step.now_ns
         self._motions.append((step.now_ns, step.motion))
-        start_ns = self._start_ns(self._state.number)
-        if len(self._motions) > 1 and step.now_ns >= self._start_ns(self._state.number + 1):
-            stamps_ns = [stamp_ns for stamp_ns, _ in self._motions]
+        if len(self._motions) > 1 and step.now_ns >= self._start_ns(self._number + 1):
+            self._keep()
             track = BodyTrack(
-                np.array(stamps_ns),
+                np.array([stamp_ns for stamp_ns, _ in self._motions]),
                 np.array([motion.pos_ned_m[0] for _, motion in self._motions]),
                 np.array([motion.rot_ned_frd[0] for _, motion in self._motions]),
             )
-            first_s = (start_ns - stamps_ns[0]) * 1e-9
-            self._state, sector = self._radar.scan(self._state, track, first_s, self._world.now(), self._rng)
-            self._keep(start_ns, sector)
+            start_ns, around = self._start_ns(self._number), self._world.now()
+            self._pending = self._thread.submit(self._processor.scan, track, start_ns, around)
+            self._number += 1
             self._motions = self._motions[-2:]
         return []
 
@@ -142,47 +199,28 @@ class RadarInstrument:
         return {"turns": self._turns, "plots": self._plots}
 
     def close(self) -> None:
-        """Do nothing: there is nothing to release."""
+        """End the thread."""
+        self._thread.shutdown(cancel_futures=True)
 
     def _start_ns(self, sector: int) -> int:
         assert self._begin_ns is not None
         return self._begin_ns + round(sector * self._radar.sector_s * 1e9)
 
-    def _keep(self, start_ns: int, sector: RadarSector) -> None:
-        """Record a sector, and the plots if it ends a turn."""
-        radar, recorder = self._radar, self._recorder
-        if recorder is not None:
-            recorder.radar_sector(start_ns, radar, sector)
-        self._sectors.append((start_ns, sector))
-        if sector.number < SECTORS - 1:
+    def _keep(self) -> None:
+        """Record the results of the sector before."""
+        if self._pending is None:
             return
-        end_ns = start_ns + round(radar.sector_s * 1e9)
-        if recorder is not None and self._picture is not None:
-            image = np.concatenate([sector.intensity for _, sector in self._sectors])
-            recorder.radar_picture(end_ns, self._picture.png(image))
-        power = np.concatenate([sector.power for _, sector in self._sectors])
-        for plot in find_plots(radar, power):
-            stamp_ns, own = self._sectors[plot.spoke // radar.sector_spokes]
-            stamp_ns += round(plot.spoke % radar.sector_spokes * radar.spoke_s * 1e9)
-            self._plots += 1
-            if recorder is not None:
-                bearing_rad = (own.heading_rad + plot.bearing_rad) % math.tau
-                recorder.radar_plot(
-                    end_ns,
-                    RadarPlot(
-                        sector.turn,
-                        stamp_ns,
-                        plot.range_m,
-                        plot.bearing_rad,
-                        bearing_rad,
-                        plot.strength_db,
-                        plot.length_m,
-                        plot.width_rad,
-                        plot.samples,
-                    ),
-                )
-        self._turns += 1
-        self._sectors = []
+        scanned = self._pending.result()
+        recorder, end_ns = self._recorder, self._start_ns(self._number)
+        self._turns += scanned.sector.number == SECTORS - 1
+        self._plots += len(scanned.plots)
+        if recorder is None:
+            return
+        recorder.radar_sector(scanned.start_ns, self._radar, scanned.sector)
+        if scanned.png is not None:
+            recorder.radar_picture(end_ns, scanned.png)
+        for plot in scanned.plots:
+            recorder.radar_plot(end_ns, plot)
 
 
 def make_radar(profile: RunProfile, seeds: Seeds, scenery: Scenery, plant: PlantView) -> RadarInstrument:

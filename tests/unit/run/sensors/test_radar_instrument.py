@@ -78,6 +78,7 @@ def told(instrument: RadarInstrument, seconds: float, heading_rad: float = 0.0) 
     for step in range(1, round(seconds * 1e9) // STEP_NS + 1):
         world: Any = SimpleNamespace(state=None)
         assert instrument.update(RunStep(step, step * STEP_NS, world, heading(heading_rad))) == []
+    instrument.close()
     return kept
 
 
@@ -86,7 +87,7 @@ def radar_of(of: RunProfile, seed: int = 1, around: Any = None) -> RadarInstrume
 
 
 def test_sectors_follow_without_gaps_and_plots_come_after_their_turn() -> None:
-    kept = told(radar_of(profile(BUOYS)), 5.1)
+    kept = told(radar_of(profile(BUOYS)), 5.2)
     assert [sector.number for _, sector in kept.sectors] == [*range(SECTORS)] * 2
     assert [sector.turn for _, sector in kept.sectors] == [0] * SECTORS + [1] * SECTORS
     starts = [stamp_ns for stamp_ns, _ in kept.sectors]
@@ -101,7 +102,7 @@ def test_sectors_follow_without_gaps_and_plots_come_after_their_turn() -> None:
 
 @pytest.mark.parametrize("heading_deg", [0.0, 120.0])
 def test_a_buoy_is_at_its_place_at_any_heading(heading_deg: float) -> None:
-    kept = told(radar_of(profile(BUOYS)), 2.6, math.radians(heading_deg))
+    kept = told(radar_of(profile(BUOYS)), 2.7, math.radians(heading_deg))
     (plot,) = [plot for _, plot in kept.plots if plot.strength_db > 30.0]
     assert plot.range_m == pytest.approx(200.0, abs=1.5)
     assert math.degrees(plot.true_bearing_rad) == pytest.approx(90.0, abs=0.3)
@@ -111,7 +112,7 @@ def test_a_buoy_is_at_its_place_at_any_heading(heading_deg: float) -> None:
 def test_a_picture_has_the_bow_up_and_starboard_to_the_right(tmp_path: Path) -> None:
     """Read by Pillow: the buoy at 200 m of 250 m to starboard, on a vessel that heads north."""
     image = pytest.importorskip("PIL.Image")
-    kept = told(radar_of(profile(BUOYS, "sensors.radar.range_m=250", "sensors.radar.picture_px=500")), 2.6)
+    kept = told(radar_of(profile(BUOYS, "sensors.radar.range_m=250", "sensors.radar.picture_px=500")), 2.7)
     ((stamp_ns, png),) = kept.pictures
     assert stamp_ns == STEP_NS + 2_500_000_000
     (tmp_path / "turn.png").write_bytes(png)
