@@ -18,6 +18,7 @@ from sim_core.sensors.radar_clutter import (
     rain_reflectivity_per_m,
     sea_reflectivity_db,
     sea_state,
+    spike_shape,
     wind_factor_db,
 )
 from sim_core.sensors.radar_plots import cfar_factor, detections, find_plots
@@ -200,6 +201,25 @@ def test_the_sea_is_brighter_against_the_wind() -> None:
     expected_db = float(wind_factor_db(np.array(0.0), np.array(1.0), radar.wavelength_m))
     assert 10.0 * math.log10(against / across) == pytest.approx(expected_db, abs=0.7)
     assert 10.0 * math.log10(along / across) == pytest.approx(-expected_db, abs=0.7)
+
+
+def test_resolution_cells_of_the_sea_are_gamma_variables_of_the_shape() -> None:
+    """A gamma variable of mean 1 has the variance 1 / shape. Shapes vary with the angle from the waves."""
+    spec = MarineRadarSpec(**FREE_SPACE, polarisation="vertical", spokes=240, prf_hz=110.0, bins=128)
+    radar, rng = MarineRadar(spec), np.random.default_rng(5)
+    around, track, state, cells = RadarSurroundings(sea_state=4.0), moving(steps=10), radar.initial(), []
+    for _ in range(150 * SECTORS):
+        state, _ = radar.scan(state, track, 0.0, around, rng)
+        cells.append(state.texture[-1])
+    drawn = np.array(cells)
+    for number in (10, 40, 100):
+        range_m = float(radar.middle_m[number - number % radar.pulse_bins])
+        grazing_deg = math.degrees(math.asin(3.0 / range_m))
+        cell_m2 = range_m * math.radians(4.0) * TWO_WAY_SHARE * radar.pulse_m
+        angles = np.linspace(0.0, math.tau, 90, endpoint=False)
+        shape = spike_shape(np.full(90, grazing_deg), np.full(90, cell_m2), angles, "vertical")
+        assert drawn[:, number].mean() == pytest.approx(1.0, abs=0.06)
+        assert drawn[:, number].var() == pytest.approx(float(np.mean(1.0 / shape)), rel=0.25)
 
 
 def test_sea_states_follow_waves_and_wind() -> None:
