@@ -230,7 +230,7 @@ class VesselConversion:
         if sensors is not None and sensors.sonar is not None:
             names += ["sonar/points", "sonar/echo"]
         if sensors is not None and sensors.radar is not None:
-            names += ["marine_radar/sector"]
+            names += ["marine_radar/spokes"]
         yield from (self._named[name] for name in names)
         yield from (self._named["thrusters/{thruster}/state"].of(thruster.name) for thruster in self._thrusters)
         if self._instruments is not None:
@@ -392,7 +392,7 @@ class VesselConversion:
 
     def _radar_sector(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         sector = deserialize(payload, TOPICS["/marine_radar/sector"].schema)
-        types, topic = ros2_types().types, OUTPUTS["marine_radar/sector"]
+        types, topic = ros2_types().types, OUTPUTS["marine_radar/spokes"]
         duration, echo = types["builtin_interfaces/msg/Duration"], types["marine_sensor_msgs/msg/RadarEcho"]
         spokes = np.asarray(sector.intensity, np.uint8).reshape(sector.spokes, sector.bins).astype(np.float32)
         message = types[topic.type](
@@ -405,7 +405,7 @@ class VesselConversion:
             range_max=sector.range_max_m,
             intensities=[echo(echoes=spoke) for spoke in spokes],
         )
-        yield self._message("marine_radar/sector", message, stamp_ns)
+        yield self._message("marine_radar/spokes", message, stamp_ns)
 
     # Frames of MAVLink
 

@@ -113,7 +113,7 @@ _TABLE = (
              "points detected in the echo: x y z, intensity", ("/sonar/points",)),
     RosTopic("sonar/echo", "sensor_msgs/msg/PointCloud2", "each ping", "sonar_link",
              "the whole echo, one point per sample along the beam: x y z, intensity", ("/sonar/ping",)),
-    RosTopic("marine_radar/sector", "marine_sensor_msgs/msg/RadarSector", "24 per turn", "radar_link",
+    RosTopic("marine_radar/spokes", "marine_sensor_msgs/msg/RadarSector", "24 per turn", "radar_link",
              "spokes of the radar: intensity 0 to 255; angles counter-clockwise, so the increment is negative",
              ("/marine_radar/sector",)),
     RosTopic("wind", "geometry_msgs/msg/Vector3Stamped", "10 Hz", "map",
