@@ -179,7 +179,7 @@ class LightSpec(Specification):
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentSpec(Specification):
-    """Water, current, waves, wind and visibility around the vessel."""
+    """Water, current, waves, wind, rain and visibility around the vessel."""
 
     water: Water = Water()
     current: CurrentSpec = CurrentSpec()
@@ -193,6 +193,9 @@ class EnvironmentSpec(Specification):
         Bounds(at_least=0, at_most=0.5),
         "share of a lidar's light in the water that suspended particles scatter back",
     ] = 0.05
+    rain_mmph: Annotated[
+        float, Bounds(at_least=0, at_most=300), IfGiven(), "rain, seen by a radar; 4 is light, 16 is heavy"
+    ] = 0.0
     start_utc: Annotated[
         str | None,
         ValueProblem(problem_of_instant),

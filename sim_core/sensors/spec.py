@@ -13,7 +13,9 @@ from typing import Annotated, Literal
 from sim_core.keys import (
     Bounds,
     Direction,
+    Items,
     NonNegative,
+    Place,
     Positive,
     RateHz,
     Required,
@@ -251,4 +253,130 @@ class SonarSpec(Specification):
                 ("sector_deg",),
                 f"= [{first_deg:g}, {last_deg:g}] does not turn clockwise by at most 360 degrees; "
                 "give the left end first, such as [-90, 90]",
+            )
+
+
+ReflectorKind = Literal["corner-reflector-buoy", "buoy", "channel-marker", "small-vessel", "radar-reflector"]
+REFLECTOR_SECTIONS_M2 = {
+    "corner-reflector-buoy": (10.0, 3.5),
+    "buoy": (5.0, 3.5),
+    "channel-marker": (1.0, 1.0),
+    "small-vessel": (2.5, 2.0),
+    "radar-reflector": (7.5, 4.0),
+}
+"""Cross section in m² at 9 GHz, and height above the water in m: IMO resolution MSC.192(79), table 2 and its notes."""
+LIGHT_MPS = 299_792_458.0
+SECTORS = 24
+"""Sectors in which a radar sends a turn."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RadarReflectorSpec(Specification):
+    """A point with a constant cross section that only the radar sees, such as a buoy."""
+
+    place_ne_m: Annotated[Place, Required] = (0.0, 0.0)
+    kind: Annotated[ReflectorKind, "object of IMO MSC.192(79), table 2, with its cross section and height"] = "buoy"
+    cross_section_m2: Annotated[
+        Annotated[float, Bounds(above=0, at_most=1e8)] | None, "null: the cross section of the kind"
+    ] = None
+    height_m: Annotated[
+        Annotated[float, Bounds(above=0, at_most=1000)] | None, "height above the water; null: the height of the kind"
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarineRadarSpec(Specification):
+    """A small X-band marine radar with a turning antenna; the defaults are those of a 4 kW magnetron radar."""
+
+    position_frd_m: Annotated[Vector, "position of the antenna"] = (0.0, 0.0, -3.0)
+    frequency_mhz: Annotated[float, Bounds(at_least=9000, at_most=10_000)] = 9410.0
+    polarisation: Literal["horizontal", "vertical"] = "horizontal"
+    peak_power_w: Annotated[float, Bounds(above=0, at_most=1e6)] = 4000.0
+    beam_deg: Annotated[float, Bounds(at_least=0.2, at_most=20), "width of the beam, one way at half power"] = 4.0
+    beam_height_deg: Annotated[float, Bounds(at_least=1, at_most=60), "height of the beam, as its width"] = 25.0
+    gain_dbi: Annotated[
+        Annotated[float, Bounds(at_least=0, at_most=60)] | None,
+        "gain of the antenna; null: 26000 / (width times height of the beam)",
+    ] = None
+    pulse_us: Annotated[float, Bounds(at_least=0.01, at_most=2), "length of the pulse"] = 0.08
+    prf_hz: Annotated[float, Bounds(at_least=100, at_most=10_000), "pulses per second"] = 2100.0
+    rpm: Annotated[float, Bounds(at_least=5, at_most=60), "turns of the antenna per minute"] = 24.0
+    noise_figure_db: Annotated[float, Bounds(at_least=0, at_most=40)] = 6.0
+    losses_db: Annotated[float, Bounds(at_least=0, at_most=40), "all losses, out and back"] = 4.0
+    range_m: Annotated[float, Bounds(at_least=50, at_most=100_000)] = 750.0
+    min_range_m: Annotated[NonNegative, "nearer echoes are lost in the transmitted pulse"] = 20.0
+    bins: Annotated[int, Bounds(at_least=64, at_most=2048), "samples along a spoke"] = 512
+    spokes: Annotated[int, Bounds(at_least=120, at_most=4320), "spokes per turn, a multiple of 24"] = 720
+    sea_state: Annotated[
+        Annotated[float, Bounds(at_least=0, at_most=6)] | None,
+        "sea state of the clutter; null: from waves and wind, and no clutter without both",
+    ] = None
+    multipath: Annotated[bool, "lobes by the path over the water, for vessels, drifting bodies and reflectors"] = True
+    stc_range_m: Annotated[
+        float, Bounds(at_least=0, at_most=100_000), "range up to which the gain is reduced (STC); 0: not"
+    ] = 0.0
+    stc_exponent: Annotated[
+        float, Bounds(at_least=0, at_most=5), "exponent of STC: the gain grows with this power of the range"
+    ] = 3.0
+    ftc_m: Annotated[
+        float,
+        Bounds(at_least=0, at_most=100_000),
+        "length of the mean that is subtracted along the range (FTC); 0: none",
+    ] = 0.0
+    floor_db: Annotated[float, Bounds(at_least=-20, at_most=60), "level of intensity 0, above the noise"] = 0.0
+    span_db: Annotated[float, Bounds(at_least=10, at_most=120), "levels from intensity 0 to 255"] = 80.0
+    heading_noise_deg: Annotated[
+        float, Bounds(at_least=0, at_most=180), "of the heading in the messages, for each sector"
+    ] = 0.5
+    false_alarm_rate: Annotated[
+        float, Bounds(at_least=1e-8, at_most=0.1), "probability of a detection in a sample of noise or clutter alone"
+    ] = 1e-4
+    cfar: Annotated[
+        Literal["noise", "clutter"],
+        "echo that has the false-alarm rate: noise, new in each pulse, or Rayleigh clutter, which lasts for a spoke",
+    ] = "clutter"
+    cfar_cells: Annotated[int, Bounds(at_least=4, at_most=64), "cells that estimate the noise, half on each side"] = 16
+    plot_spokes: Annotated[int, Bounds(at_least=1, at_most=100), "least number of spokes in a plot"] = 3
+    picture_px: Annotated[
+        Annotated[int, Bounds(at_least=64, at_most=2048)] | None,
+        "width and height of a recorded picture of each turn; null: none",
+    ] = None
+    reflectors: Annotated[tuple[RadarReflectorSpec, ...], Items(0, 1000), "buoys and other points"] = ()
+
+    def check(self) -> None:
+        if self.min_range_m >= self.range_m:
+            raise SpecificationError(
+                ("min_range_m",),
+                f"= {self.min_range_m:g} is not below range_m = {self.range_m:g}; lower it, or raise range_m",
+            )
+        if self.position_frd_m[2] >= 0.0:
+            raise SpecificationError(
+                ("position_frd_m",),
+                f"= [{', '.join(f'{part:g}' for part in self.position_frd_m)}] is not above the water, where the "
+                "body's origin floats; use a negative third number, such as -3",
+            )
+        longest_us = self.range_m / 8.0 / (0.5e-6 * LIGHT_MPS)
+        if self.pulse_us > longest_us:
+            raise SpecificationError(
+                ("pulse_us",),
+                f"= {self.pulse_us:g} is {0.5e-6 * LIGHT_MPS * self.pulse_us:.0f} m long, more than an eighth of "
+                f"range_m; use {math.floor(longest_us * 1e3) / 1e3:g} or less, or raise range_m",
+            )
+        farthest_m = 0.5 * LIGHT_MPS / self.prf_hz
+        if self.range_m > farthest_m:
+            raise SpecificationError(
+                ("range_m",),
+                f"= {self.range_m:g} is beyond the {farthest_m:.0f} m that an echo travels before the next pulse; "
+                f"lower it, or use prf_hz: {math.floor(0.5 * LIGHT_MPS / self.range_m)} or less",
+            )
+        if self.spokes % SECTORS:
+            below = self.spokes // SECTORS * SECTORS
+            raise SpecificationError(
+                ("spokes",), f"= {self.spokes} is no multiple of {SECTORS}; use {below} or {below + SECTORS}"
+            )
+        most = int(self.prf_hz * 60.0 / self.rpm)
+        if self.spokes > most:
+            raise SpecificationError(
+                ("spokes",),
+                f"= {self.spokes} is more than the {most} pulses of a turn; lower it or rpm, or raise prf_hz",
             )

@@ -46,6 +46,7 @@ NOT_IN_SITL = (
     "agent.wire.socket_pair",
     "pydantic",
     "sim_core.sensors.lidar",
+    "sim_core.sensors.radar",
     "sim_core.sensors.rangefinder",
     "sim_core.sensors.sonar",
     "xitl_cli.logs.formats.dataflash",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,6 +24,7 @@ from tests.oracles import mariner
 from tests.oracles.kvlcc2 import Kvlcc2, ZigZag
 from tools.pictures.browser import fewer_colours
 from tools.pictures.workplace import Workplace
+from xitl_cli.logs import open_log
 from xitl_cli.plugins.studies.manoeuvres.ship_trials import ship_trials
 
 INK, BLUE, AMBER, GREEN, RED, GREY = "#1c2733", "#2f6fc4", "#b97a10", "#23834a", "#c23b33", "#8a97a5"
@@ -30,6 +32,7 @@ VESSELS = ("wamv16", "asv-full", "otter", "heron", "cybership2", "blueboat", "as
 CONVOY = "xitl sim fleet-convoy --duration 150 --out runs/convoy"
 EXCITATION = "xitl sim identify-excitation --out runs/excitation"
 CUT = "xitl sim cut.yaml --out runs/cut"
+RADAR = "xitl sim sitl-radar --duration 60 --out runs/radar"
 RIVER = "xitl sim sitl-perception --duration 130 --out runs/river"
 
 
@@ -326,6 +329,43 @@ def perception(workplace: Workplace, path: Path) -> None:
         axes.legend()
 
     figure(path, draw, height=3.2)
+
+
+def radar(workplace: Workplace, path: Path) -> None:
+    """Echoes and plots of a turn, north up."""
+    workplace.typed(RADAR)
+    turn = 16
+    with open_log(workplace.folder / "runs/radar/run.mcap") as log:
+        sectors, plots = log.tables["/marine_radar/sector"], log.tables["/marine_radar/plots"]
+        rows = np.flatnonzero(sectors.values("turn") == turn)
+        spokes, bins = int(sectors.values("spokes")[0]), int(sectors.values("bins")[0])
+        images = [np.frombuffer(bytes(sectors.values("intensity")[row]), np.uint8) for row in rows]
+        image = np.concatenate(images).reshape(-1, bins)
+        first_rad = sectors.values("heading_rad")[rows] + sectors.values("angle_start_rad")[rows]
+        step_rad = float(sectors.values("angle_increment_rad")[0])
+        own = plots.values("turn") == turn
+        range_m, bearing_rad = plots.values("range_m")[own], plots.values("true_bearing_rad")[own]
+        farthest_m = float(sectors.values("range_max_m")[0])
+        heading_rad = float(sectors.values("heading_rad")[rows[len(rows) // 2]])
+
+    def draw(axes: Any) -> None:
+        azimuth = (first_rad[:, None] + (np.arange(spokes) - 0.5) * step_rad).ravel()
+        edges = np.append(azimuth, azimuth[-1] + step_rad)
+        ranges_m = np.linspace(0.0, farthest_m, bins + 1)
+        north_m, east_m = np.cos(edges)[:, None] * ranges_m, np.sin(edges)[:, None] * ranges_m
+        drawn = axes.pcolormesh(east_m, north_m, image / 255.0 * 80.0, cmap="viridis", rasterized=True)
+        axes.scatter(np.sin(bearing_rad) * range_m, np.cos(bearing_rad) * range_m, s=28, facecolors="none",
+                     edgecolors=RED, linewidths=1.1, label="plots")  # fmt: skip
+        reach_m = 0.1 * farthest_m
+        axes.plot([0.0, math.sin(heading_rad) * reach_m], [0.0, math.cos(heading_rad) * reach_m], color="white",
+                  linewidth=1.5)  # fmt: skip
+        axes.set(xlabel="east of the vessel (m)", ylabel="north of the vessel (m)", aspect="equal",
+                 title="One turn of the radar of sitl-radar")  # fmt: skip
+        axes.grid(visible=False)
+        axes.figure.colorbar(drawn, ax=axes, label="level above the noise (dB)")
+        axes.legend(loc="upper left")
+
+    figure(path, draw, width=7.6, height=6.4)
 
 
 def documented(page: str, name: str) -> str:

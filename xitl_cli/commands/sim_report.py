@@ -421,7 +421,10 @@ def ros_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def perception_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield rows on the companion's results; none without a companion."""
+    """Yield rows on the radar and on the companion's results; none without them."""
+    radar = (summary["perception"] or {}).get("radar")
+    if radar is not None:
+        yield "radar", f"{radar['turns']} turns, {radar['plots']} plots"
     odometry, mapping, obstacles = summary["odometry"], summary["mapping"], summary["obstacles"]
     if odometry is not None and odometry["poses"]:
         ate_m, path_m = odometry["ate_rms_m"], odometry["path_m"]

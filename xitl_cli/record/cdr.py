@@ -39,7 +39,7 @@ _UNITS = {
     "ah": "A h",
     "m": "m", "s": "s", "ns": "ns", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "radps": "rad/s", "radpm": "rad/m",
     "deg": "°",
-    "n": "N", "hz": "Hz", "grad": "gon", "ppm": "ppm", "percent": "%", "mib": "MiB", "c": "°C",
+    "n": "N", "hz": "Hz", "grad": "gon", "ppm": "ppm", "percent": "%", "mib": "MiB", "c": "°C", "db": "dB",
 }  # fmt: skip
 _FRAMES = {"ned": "NED", "frd": "FRD", "enu": "ENU", "flu": "FLU"}
 

@@ -36,6 +36,7 @@ from xitl_cli.record.topics import (
     MapSource,
     MotionEstimate,
     MotorCommand,
+    RadarPlot,
     Topic,
     body_frame,
     message_type,
@@ -46,6 +47,7 @@ from xitl_cli.record.truth import ODOMETRY, POSE, STATE, TRANSFORM, TruthTable, 
 
 if TYPE_CHECKING:
     from agent.companion.sonar import SonarPing
+    from sim_core.sensors.radar import MarineRadar, RadarSector
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -423,6 +425,35 @@ class PerceptionRecorder:
         """Write the points detected in the pings: (n, 3) in body FRD."""
         packed = _packed(SONAR_POINT, points_frd_m, intensity)
         self._topics.write("/sonar/points", stamp_ns, _cloud(stamp_ns, self._topics.frame(VESSEL_FRAME), packed))
+
+    def radar_sector(self, stamp_ns: int, radar: MarineRadar, sector: RadarSector) -> None:
+        """Write a sector of the radar that began at `stamp_ns`."""
+        self._topics.write(
+            "/marine_radar/sector",
+            stamp_ns,
+            sector.turn,
+            sector.number,
+            *sector.intensity.shape,
+            radar.angle_rad(sector.number),
+            radar.step_rad,
+            radar.spoke_s,
+            radar.spoke_s * radar.spec.spokes,
+            0.5 * radar.bin_m,
+            radar.spec.range_m - 0.5 * radar.bin_m,
+            sector.heading_rad,
+            sector.intensity.tobytes(),
+        )
+
+    def radar_plot(self, stamp_ns: int, plot: RadarPlot) -> None:
+        """Write a plot of the turn that ended at `stamp_ns`."""
+        topic, values = _RECORDS[RadarPlot]
+        self._topics.write(topic, stamp_ns, *values(plot))
+
+    def radar_picture(self, stamp_ns: int, png: bytes) -> None:
+        """Write the picture of the turn that ended at `stamp_ns`."""
+        frame = self._topics.frame(VESSEL_FRAME)
+        image = messages.CompressedImage(timestamp=timestamp(stamp_ns), frame_id=frame, data=png, format="png")
+        self._topics.write("/marine_radar/picture", stamp_ns, image)
 
     def odom_frame(self, stamp_ns: int, pos_ned_m: Array, quat_ned_frd: Array) -> None:
         """Write the true pose of the body when the odometry began: (3,), (4,). Tools then draw the map in its place."""

@@ -466,6 +466,38 @@ class PingMessage:
     intensity: Bytes
 
 
+class RadarSectorMessage:
+    """Successive spokes of a radar, with the figures of marine_sensor_msgs/RadarSector; angles are clockwise."""
+
+    turn: Uint32
+    number: Annotated[Uint32, "of the sector in the turn, 0 to 23"]
+    spokes: Uint32
+    bins: Annotated[Uint32, "samples of a spoke"]
+    angle_start_rad: Annotated[Float64, "of the first spoke, from the bow"]
+    angle_increment_rad: Float64
+    time_increment_s: Annotated[Float64, "between spokes"]
+    scan_time_s: Annotated[Float64, "time of one turn"]
+    range_min_m: Annotated[Float64, "of the middle of the first sample"]
+    range_max_m: Annotated[Float64, "of the middle of the last sample"]
+    heading_rad: Annotated[Float64, "of the bow at the first spoke, from north, as measured"]
+    intensity: Annotated[Bytes, "spoke by spoke"]
+
+
+@dataclass(frozen=True, slots=True)
+class RadarPlot:
+    """An object in the image of a radar's turn. Angles are clockwise."""
+
+    turn: Uint32
+    measured_ns: Annotated[Int64, "simulation time of the spoke at its middle"]
+    range_m: Float64
+    bearing_rad: Annotated[Float64, "from the bow"]
+    true_bearing_rad: Annotated[Float64, "from north, by the measured heading"]
+    strength_db: Annotated[Float64, "largest level above the receiver's noise"]
+    length_m: Annotated[Float64, "extent along the range, including the length of the pulse"]
+    width_rad: Annotated[Float64, "extent in bearing, including the width of the beam"]
+    samples: Annotated[Uint32, "detected samples"]
+
+
 class ObstacleMessage:
     id: Uint32
     points: Uint32
@@ -607,6 +639,13 @@ _TABLE = (
           "`intensity`; each point is relative to the vessel at its own instant", from_start=False),
     Topic("/sonar/ping", "xitl_msgs/msg/Ping", "each ping", "the echo of a ping", PingMessage, from_start=False),
     Topic("/sonar/points", "foxglove.PointCloud", "each ping", "points detected in the echo", from_start=False),
+    Topic("/marine_radar/sector", "xitl_msgs/msg/RadarSector", "24 per turn, with `sensors.radar`",
+          "spokes of the radar's image: intensity 0 to 255 by spoke and range; "
+          "[perception.md](perception.md#radar)", RadarSectorMessage, from_start=False),
+    Topic("/marine_radar/plots", "xitl_msgs/msg/RadarPlot", "each plot, after its turn",
+          "objects in the radar's image: range, bearing, strength, size", RadarPlot, from_start=False),
+    Topic("/marine_radar/picture", "foxglove.CompressedImage", "each turn, with `sensors.radar.picture_px`",
+          "the turn as a display shows it, bow up (PNG)", from_start=False),
     Topic("/companion/odometry", "nav_msgs/msg/Odometry", "each registered cloud",
           "pose of the companion's odometry in `odom`, the frame at its start; without variances: all are 1e6",
           OdometryMessage, from_start=False),

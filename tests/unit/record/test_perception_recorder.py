@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import get_type_hints
 
@@ -12,10 +13,12 @@ from mcap_ros2.decoder import DecoderFactory
 
 from agent.companion.sonar import SonarPing
 from agent.wire import dialect as mav
+from sim_core.sensors.radar import MarineRadar, RadarSector
+from sim_core.sensors.spec import MarineRadarSpec
 from xitl_cli.logs import open_log
 from xitl_cli.mapping import clouds as recorded
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import CompanionMessage, FaultEvent
+from xitl_cli.record.topics import CompanionMessage, FaultEvent, RadarPlot
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.0, -5.0, -6.0]], np.float32)
 INTENSITY = np.array([7, 200], np.uint8)
@@ -138,3 +141,22 @@ def test_bodies_contacts_obstacles_and_status_read_back(tmp_path: Path) -> None:
     _, status = topics["/companion/status"][0]
     assert [getattr(status, name) for name in names] == list(counts)
     assert (status.latency_s, status.manoeuvre) == (0.25, 1)
+
+
+def test_radar_sectors_and_plots_are_read_back(tmp_path: Path) -> None:
+    radar = MarineRadar(MarineRadarSpec(spokes=120, bins=64))
+    image = np.arange(5 * 64, dtype=np.uint8).reshape(5, 64)
+    plot = RadarPlot(3, 7_000, 120.5, 1.0, 2.0, 33.0, 12.0, 0.1, 40)
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
+    recorder.perception.radar_sector(8, radar, RadarSector(12, 3, 0.0, 0.5, np.zeros(0), image))
+    recorder.perception.radar_plot(9, plot)
+    recorder.close()
+    topics = ros(tmp_path / "run.mcap")
+    ((stamp_ns, sector),) = topics["/marine_radar/sector"]
+    assert (stamp_ns, sector.turn, sector.number, sector.spokes, sector.bins) == (8, 3, 12, 5, 64)
+    assert sector.angle_start_rad == pytest.approx(0.0, abs=1e-12)  # half a turn on from astern
+    assert sector.angle_increment_rad == pytest.approx(np.radians(3.0))
+    assert np.frombuffer(bytes(sector.intensity), np.uint8).reshape(5, 64).tolist() == image.tolist()
+    ((stamp_ns, found),) = topics["/marine_radar/plots"]
+    assert stamp_ns == 9
+    assert {name: getattr(found, name) for name in get_type_hints(RadarPlot)} == asdict(plot)

@@ -32,7 +32,15 @@ from xitl_cli.plugins.ros.camera_messages import (
 )
 from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.plugins.ros.diagnostics import Diagnostics
-from xitl_cli.plugins.ros.frames import LIDAR_FRAME, SONAR_FRAME, FixedFrame, frame_name, named_frame, sensor_frames
+from xitl_cli.plugins.ros.frames import (
+    LIDAR_FRAME,
+    RADAR_FRAME,
+    SONAR_FRAME,
+    FixedFrame,
+    frame_name,
+    named_frame,
+    sensor_frames,
+)
 from xitl_cli.plugins.ros.gimbal_frames import FRAMES, GimbalFrames, TurnedFrame
 from xitl_cli.plugins.ros.outputs import (
     ANSWERS_LINK,
@@ -203,6 +211,8 @@ class VesselConversion:
             if sensors.sonar is not None:
                 handlers["/sonar/points"] = partial(self._sonar_cloud, frame_of[SONAR_FRAME])
                 handlers["/sonar/ping"] = partial(self._ping, math.radians(sensors.sonar.heading_deg))
+            if sensors.radar is not None:
+                handlers["/marine_radar/sector"] = self._radar_sector
         self._users: dict[str, list[UserTopic]] = {}
         for user in user_topics(profile.ros):
             self._users.setdefault(user.of, []).append(user)
@@ -236,6 +246,8 @@ class VesselConversion:
             names += ["points", "scan"]
         if sensors is not None and sensors.sonar is not None:
             names += ["sonar/points", "sonar/echo"]
+        if sensors is not None and sensors.radar is not None:
+            names += ["marine_radar/spokes"]
         yield from (self._named[name] for name in names)
         for camera in cameras_of(self._profile):
             yield from (self._named[name].of(camera.name) for name in camera_topics(camera))
@@ -413,6 +425,23 @@ class VesselConversion:
     def _camera(self, topic: str, camera: str, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
         for name, message in camera_messages(topic, payload, self._framed(camera_frame(camera))):
             yield RosMessage(self._named[name].of(camera), self.name, serialize(message), stamp_ns)
+
+    def _radar_sector(self, payload: bytes, stamp_ns: int) -> Iterable[RosMessage]:
+        sector = deserialize(payload, TOPICS["/marine_radar/sector"].schema)
+        types, topic = ros2_types().types, OUTPUTS["marine_radar/spokes"]
+        duration, echo = types["builtin_interfaces/msg/Duration"], types["marine_sensor_msgs/msg/RadarEcho"]
+        spokes = np.asarray(sector.intensity, np.uint8).reshape(sector.spokes, sector.bins).astype(np.float32)
+        message = types[topic.type](
+            header=msg.header(stamp_ns, self._framed(RADAR_FRAME)),
+            angle_start=-sector.angle_start_rad,
+            angle_increment=-sector.angle_increment_rad,
+            time_increment=duration(*divmod(round(sector.time_increment_s * 1e9), 1_000_000_000)),
+            scan_time=duration(*divmod(round(sector.scan_time_s * 1e9), 1_000_000_000)),
+            range_min=sector.range_min_m,
+            range_max=sector.range_max_m,
+            intensities=[echo(echoes=spoke) for spoke in spokes],
+        )
+        yield self._message("marine_radar/spokes", message, stamp_ns)
 
     # Frames of MAVLink
 

@@ -25,6 +25,15 @@ if TYPE_CHECKING:
 _OURS = "xitl_msgs/"
 _ONLY_ROS2 = ("tf2_msgs/msg/TFMessage",)
 """Types of ROS 1 that are missing in rosbags' table."""
+MARINE = {
+    "marine_sensor_msgs/msg/RadarEcho": "float32[] echoes\n",
+    "marine_sensor_msgs/msg/RadarSector": (
+        "std_msgs/Header header\nfloat32 angle_start\nfloat32 angle_increment\n"
+        "builtin_interfaces/Duration time_increment\nbuiltin_interfaces/Duration scan_time\n"
+        "float32 range_min\nfloat32 range_max\nmarine_sensor_msgs/RadarEcho[] intensities\n"
+    ),
+}
+"""Fields of marine_msgs (github.com/apl-ocean-engineering/marine_msgs), which rosbags' tables do not contain."""
 SERVICES = {
     "std_srvs/srv/Empty": ("", ""),
     "std_srvs/srv/SetBool": ("bool data\n", "bool success\nstring message\n"),
@@ -44,7 +53,7 @@ class MessageTypes:
         self.ros1: Typestore = get_typestore(Stores.ROS1_NOETIC)
         for name in _ONLY_ROS2:
             self.ros1.register({name: self.ros2.fielddefs[name]})
-        for name, text in {**own_definitions(), **(further or {})}.items():
+        for name, text in {**own_definitions(), **MARINE, **(further or {})}.items():
             types = get_types_from_msg(text, name)
             self.ros2.register(types)
             self.ros1.register({name: fields for name, fields in types.items() if name not in self.ros1.fielddefs})

@@ -20,6 +20,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, vessel_name
 
 IMU_FRAME, GNSS_FRAME, LIDAR_FRAME, SONAR_FRAME = "imu_link", "gnss_link", "lidar_link", "sonar_link"
+RADAR_FRAME = "radar_link"
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -69,6 +70,8 @@ def sensor_frames(profile: RunProfile) -> Iterator[FixedFrame]:
     for camera in cameras_of(profile):
         if camera.gimbal is None:
             yield _mounted(camera_frame(camera.name), camera.position_frd_m, optical_turn(camera))
+    if sensors.radar is not None:
+        yield _mounted(RADAR_FRAME, sensors.radar.position_frd_m)
 
 
 def named_frame(frame: FixedFrame, vessel: str) -> FixedFrame:

@@ -15,6 +15,7 @@ from sim_core.sensors.spec import (
     ImuSpec,
     LidarSpec,
     MagnetometerSpec,
+    MarineRadarSpec,
     ObstacleScannerSpec,
     OdometrySpec,
     RangefinderSpec,
@@ -71,7 +72,7 @@ class RecordedSensorsSpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorsSpec(Specification):
-    """The sensors of the vessel; lidar and sonar are for a companion."""
+    """The sensors of the vessel; lidar and sonar are for a companion, the radar is recorded."""
 
     imu: ImuSpec
     gnss: GnssSpec
@@ -82,6 +83,7 @@ class SensorsSpec(Specification):
     lidar: LidarSpec | None = None
     sonar: SonarSpec | None = None
     cameras: Annotated[tuple[CameraSpec, ...], Items(0, 16), IfGiven()] = ()
+    radar: Annotated[MarineRadarSpec | None, IfGiven()] = None
     messages: MessagesSpec = MessagesSpec()
     recorded: Annotated[RecordedSensorsSpec | None, "null: all are simulated"] = None
 

@@ -225,6 +225,10 @@ def perception(setup: VesselSetup, companion: CompanionNode | None) -> Perceptio
         from xitl_cli.run.sensors.sonar import make_sonar
 
         instruments["sonar"] = make_sonar(profile, setup.seeds, scenery, setup.plant)
+    if profile.sensors.radar is not None:
+        from xitl_cli.run.sensors.radar import make_radar
+
+        instruments["radar"] = make_radar(profile, setup.seeds, scenery, setup.plant)
     if not instruments:
         return None
     from xitl_cli.run.nodes.perception import PerceptionNode

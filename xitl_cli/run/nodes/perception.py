@@ -1,4 +1,4 @@
-"""The perception sensors of a vessel, lidar and sonar. Their messages go to the companion, if there is one."""
+"""The perception sensors of a vessel: lidar, sonar and radar. Their messages go to the companion, if there is one."""
 
 from __future__ import annotations
 

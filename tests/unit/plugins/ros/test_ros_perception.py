@@ -14,9 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from agent.wire import dialect
 from agent.wire.codec import Message, Packer
+from sim_core.sensors.radar import MarineRadar, RadarSector
 from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
 from xitl_cli.plugins.ros.conversion import RosConversion
-from xitl_cli.plugins.ros.definitions import deserialize
+from xitl_cli.plugins.ros.definitions import deserialize, to_ros1
+from xitl_cli.plugins.ros.frames import sensor_frames
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.sensors import MessagesSpec
@@ -211,3 +213,36 @@ def test_junk_in_a_link_is_no_message(profile: RunProfile) -> None:
     for frame in (b"", b"\xfd", b"\xfd" + bytes(8), b"\xfe\x09\x00\x01\x01\x00" + bytes(11), bytes(40)):
         assert list(conversion.convert("/link/agent/tx", encode(0, frame), 0)) == []
         assert list(conversion.convert("/link/agent/rx", encode(0, frame), 0)) == []
+
+
+def test_a_radar_sector_is_that_of_marine_sensor_msgs(tmp_path: Path) -> None:
+    """Angles of ROS are counter-clockwise about the frame's z axis, which is up."""
+    profile = load_profile("sitl-radar").runnable()
+    assert profile.sensors is not None
+    assert profile.sensors.radar is not None
+    radar = MarineRadar(profile.sensors.radar)
+    intensity = np.arange(radar.sector_spokes * radar.spec.bins).reshape(radar.sector_spokes, -1).astype(np.uint8)
+    sector = RadarSector(6, 2, 0.0, 1.0, np.zeros(0), intensity)
+    file = McapFile(tmp_path / "run.mcap", "lz4")
+    topics = TopicWriter(file, ())
+    kept: list[bytes] = []
+    topics.watch("/marine_radar/sector", lambda stamp_ns, *values: kept.append(message_type.encode(stamp_ns, *values)))
+    message_type = TOPICS["/marine_radar/sector"].message_type()
+    PerceptionRecorder(topics).radar_sector(5_000_000_000, radar, sector)
+    file.close()
+    conversion = RosConversion([profile])
+    (message,) = conversion.convert("/marine_radar/sector", kept[0], 5_000_000_000)
+    found = deserialize(message.cdr, message.topic.type)
+    assert message.topic.type == "marine_sensor_msgs/msg/RadarSector"
+    assert message.topic.full_name() not in TOPICS  # a bag has the recorded topics too
+    assert (found.header.frame_id, found.header.stamp.sec) == ("radar_link", 5)
+    assert found.angle_start == pytest.approx(-1.5 * math.pi)  # from astern, a quarter of a turn on: to port
+    assert found.angle_increment == pytest.approx(-math.tau / 720)
+    assert found.time_increment.nanosec == pytest.approx(2.5e9 / 720, abs=1)
+    assert (found.scan_time.sec, found.scan_time.nanosec) == (2, 500_000_000)
+    assert found.range_min == pytest.approx(0.5 * radar.bin_m)
+    assert found.range_max == pytest.approx(400.0 - 0.5 * radar.bin_m)
+    assert np.array([echo.echoes for echo in found.intensities]).tolist() == intensity.tolist()
+    assert to_ros1(message.cdr, message.topic.type)
+    (frame,) = [frame for frame in sensor_frames(profile) if frame.name == "radar_link"]
+    assert frame.position_m == (0.0, 0.0, 3.0)
