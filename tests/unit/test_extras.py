@@ -58,7 +58,7 @@ def test_the_base_needs_none_of_it() -> None:
 
 def test_each_extra_is_declared_and_brings_what_is_asked_for() -> None:
     declared = PROJECT["optional-dependencies"]
-    names = {"kiss_icp": "kiss-icp", "PIL": "pillow"}
+    names = {"kiss_icp": "kiss-icp", "PIL": "pillow", "cv2": "opencv-python-headless"}
     for extra in EXTRAS:
         brought = {re.split(r"[<>=]", package)[0] for package in declared[extra.name]}
         assert {names.get(package, package) for package in extra.packages} <= brought

@@ -33,9 +33,10 @@ OTHERS = [
 ]  # fmt: skip
 PERCEPTION = ["sitl-perception", "sitl-ardupilot-perception", "hitl-jetson", "hitl-jetson-loopback", "hitl-full"]
 FLEETS = [f"fleet-{what}" for what in ("ardupilot", "convoy", "crossing", "head-on", "overtaking")]
-ALONE = ["ground-station", "hitl-loopback", "identify-excitation", "mitl", "mitl-replay", "sitl", "sitl-radar"]
+ALONE = ["ground-station", "hitl-loopback", "identify-excitation", "mitl", "mitl-replay", "sitl"]
+SENSING = ["sitl-camera", "sitl-radar"]
 NODES_OF_ROS = ["ros", "ros-companion", "ros-lockstep", "ros-thrusters"]
-RUNNABLE = sorted([*EMULATED, *ALONE, *PERCEPTION, *BOARDS, *LOOPBACKS, *OTHERS, *FLEETS, *NODES_OF_ROS])
+RUNNABLE = sorted([*EMULATED, *ALONE, *SENSING, *PERCEPTION, *BOARDS, *LOOPBACKS, *OTHERS, *FLEETS, *NODES_OF_ROS])
 
 
 @pytest.mark.parametrize("name", shipped_profiles())
