@@ -4,8 +4,9 @@ VENV := .venv
 AGENT_PYTHON ?= python3.9
 AGENT_VENV := build/agent-python
 LOWEST_VENV := build/lowest
-# Tests that need no extra.
-LOWEST_TESTS := tests/unit/record tests/unit/commands tests/unit/graph
+# Tests that need no extra, and the implementations with which they compare.
+LOWEST_TESTS := tests/unit/graph tests/unit/commands tests/unit/record tests/unit/sim_core
+LOWEST_ORACLES := mcap-ros2-support pymap3d pyproj scipy trimesh
 BIN := $(VENV)/bin
 # Errors and warnings alone, so that a first `make run` shows the run and not a hundred lines of pip.
 PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check --no-input -c constraints.txt
@@ -81,14 +82,15 @@ $(LOWEST_VENV)/.made: Makefile pyproject.toml tools/lowest_versions.py
 	$(PYTHON) -m venv $(LOWEST_VENV)
 	$(LOWEST_VENV)/bin/python tools/lowest_versions.py > build/lowest.txt
 	$(LOWEST_VENV)/bin/python -m pip --quiet install --disable-pip-version-check --no-input \
-		-c build/lowest.txt -e . hypothesis pytest pytest-xdist
+		-c build/lowest.txt -e . hypothesis pytest pytest-xdist $(LOWEST_ORACLES)
 	@touch $@
 
 test-lowest: $(LOWEST_VENV)/.made  ## a run, its analysis and tests of the core with the lowest versions that pyproject.toml permits
 	$(LOWEST_VENV)/bin/xitl --help > /dev/null
 	$(LOWEST_VENV)/bin/xitl sim sitl --duration 20 --out build/lowest/run --overwrite
 	$(LOWEST_VENV)/bin/xitl logs analyze build/lowest/run > /dev/null
-	$(FAST_WORKERS) $(LOWEST_VENV)/bin/python -m pytest $(LOWEST_TESTS) -m "not slow and not realtime" -n auto
+	$(FAST_WORKERS) $(LOWEST_VENV)/bin/python -m pytest $(LOWEST_TESTS) -m "not slow and not realtime" -n auto \
+		-W ignore::DeprecationWarning
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
