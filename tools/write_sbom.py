@@ -66,7 +66,7 @@ def installed_closure(root: str, extras: Iterable[str] = ()) -> dict[str, tuple[
 def licence_of(package: Distribution) -> list[dict[str, Any]]:
     """Return the licence as the package states it: an SPDX expression, a name, or nothing."""
     keys = ("License-Expression", "License")
-    expression, stated = (package.metadata[key] if key in package.metadata else "" for key in keys)
+    expression, stated = ((package.metadata.get_all(key) or [""])[0] for key in keys)
     if expression:
         return [{"expression": expression}]
     names = [
