@@ -156,7 +156,7 @@ sbom: $(VENV)/.dev  ## the bill of materials of xitl and all extras, build/xitl.
 	$(BIN)/python tools/write_sbom.py build/xitl.cdx.json
 
 audit: $(VENV)/.audit  ## look up the pinned versions in the advisories of PyPI and OSV; needs network
-	$(BIN)/python -m pip_audit --requirement constraints.txt --no-deps --disable-pip
+	$(BIN)/python -m pip_audit --strict --requirement constraints.txt --no-deps --disable-pip
 
 wheel: $(VENV)/.dev  ## build the wheel and try it in an environment of its own
 	tools/check_wheel.sh
