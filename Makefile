@@ -3,6 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 AGENT_PYTHON ?= python3.9
 AGENT_VENV := build/agent-python
+LOWEST_VENV := build/lowest
+# Tests that need no extra, and the implementations with which they compare.
+LOWEST_TESTS := tests/unit/graph tests/unit/commands tests/unit/record tests/unit/sim_core
+LOWEST_ORACLES := mcap-ros2-support pymap3d pyproj scipy trimesh
 BIN := $(VENV)/bin
 # Errors and warnings alone, so that a first `make run` shows the run and not a hundred lines of pip.
 PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check --no-input -c constraints.txt
@@ -10,7 +14,7 @@ PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check -
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-slow test-realtime checks test-agent lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages figures figures-of-vehicles paper soak wheel mutate fuzz lock clean
+.PHONY: run package test test-fast test-slow test-realtime checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages figures figures-of-vehicles paper soak wheel dist sbom audit mutate fuzz lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -36,6 +40,10 @@ $(VENV)/.mutate: $(VENV)/.dev
 
 $(VENV)/.fuzz: $(VENV)/.dev
 	@$(PIP_INSTALL) -e '.[dev,fuzz]'
+	@touch $@
+
+$(VENV)/.audit: $(VENV)/.dev
+	@$(PIP_INSTALL) -e '.[dev,audit]'
 	@touch $@
 
 run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts
@@ -68,6 +76,21 @@ $(AGENT_VENV)/.made: Makefile
 
 test-agent: $(AGENT_VENV)/.made  ## the agent's fast tests on the oldest Python of a board (AGENT_PYTHON=python3.9)
 	$(AGENT_VENV)/bin/python -m pytest tests/unit/agent -m "not slow and not realtime"
+
+$(LOWEST_VENV)/.made: Makefile pyproject.toml tools/lowest_versions.py
+	rm -rf $(LOWEST_VENV)
+	$(PYTHON) -m venv $(LOWEST_VENV)
+	$(LOWEST_VENV)/bin/python tools/lowest_versions.py > build/lowest.txt
+	$(LOWEST_VENV)/bin/python -m pip --quiet install --disable-pip-version-check --no-input \
+		-c build/lowest.txt -e . hypothesis pytest pytest-xdist $(LOWEST_ORACLES)
+	@touch $@
+
+test-lowest: $(LOWEST_VENV)/.made  ## a run, its analysis and tests of the core with the lowest versions that pyproject.toml permits
+	$(LOWEST_VENV)/bin/xitl --help > /dev/null
+	$(LOWEST_VENV)/bin/xitl sim sitl --duration 20 --out build/lowest/run --overwrite
+	$(LOWEST_VENV)/bin/xitl logs analyze build/lowest/run > /dev/null
+	$(FAST_WORKERS) $(LOWEST_VENV)/bin/python -m pytest $(LOWEST_TESTS) -m "not slow and not realtime" -n auto \
+		-W ignore::DeprecationWarning
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -121,6 +144,19 @@ paper: $(VENV)/.dev  ## the paper's experiments, and their tables and figures in
 
 soak: $(VENV)/.dev  ## ten minutes at 2000 messages a second: what was lost
 	$(BIN)/python -m tests.bench.soak
+
+dist: $(VENV)/.dev  ## wheel, sdist, agent, bill of materials and checksums in dist/, the same bytes each time
+	rm -rf dist
+	$(BIN)/python -m hatchling build -t sdist -t wheel
+	cd dist && ../$(BIN)/xitl agent package
+	$(BIN)/python tools/write_sbom.py dist/xitl.cdx.json
+	cd dist && sha256sum * > SHA256SUMS
+
+sbom: $(VENV)/.dev  ## the bill of materials of xitl and all extras, build/xitl.cdx.json (CycloneDX)
+	$(BIN)/python tools/write_sbom.py build/xitl.cdx.json
+
+audit: $(VENV)/.audit  ## look up the pinned versions in the advisories of PyPI and OSV; needs network
+	$(BIN)/python -m pip_audit --strict --requirement constraints.txt --no-deps --disable-pip
 
 wheel: $(VENV)/.dev  ## build the wheel and try it in an environment of its own
 	tools/check_wheel.sh

@@ -25,8 +25,9 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
     stop: list[int] = []
     parent = os.getppid()
     numbers = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores it: keep that
-        numbers.append(signal.SIGHUP)
+    hang_up = getattr(signal, "SIGHUP", None)  # not on Windows
+    if hang_up is not None and signal.getsignal(hang_up) is not signal.SIG_IGN:  # nohup ignores it: keep that
+        numbers.append(hang_up)
     for number in numbers:
         signal.signal(number, lambda received, _frame: stop.append(received))
     with ExitStack() as opened:
@@ -68,7 +69,7 @@ def end_with_parent(parent: int) -> None:
 
     try:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    except (AttributeError, OSError):
+    except (AttributeError, OSError, TypeError):  # TypeError: Windows has no library of the process
         return
     if os.getppid() != parent:  # the parent ended before the call
         os.kill(os.getpid(), signal.SIGTERM)

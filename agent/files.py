@@ -17,7 +17,8 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 
 def read_with_status(path: Path, most: int = MOST_BYTES) -> tuple[bytes, os.stat_result]:
     """Return the content, and the status of the file that was read."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe would block without it
+    # A pipe would block without O_NONBLOCK, and Windows would change line ends without O_BINARY
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):

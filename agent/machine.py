@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import time
 from math import inf
 from pathlib import Path
@@ -49,9 +50,9 @@ def read_machine(root: Path = Path("/")) -> Machine:
     """Read the properties of this machine from the files under `root`."""
     model = _text(root / "proc/device-tree/model").rstrip("\0").strip()
     emulated = model in _STAND_INS
-    system = os.uname()
+    system = platform.uname()
     preempt_rt = _text(root / "sys/kernel/realtime").strip() == "1" or "PREEMPT_RT" in system.version
-    kernel = f"{system.sysname} {system.release} {system.machine}"
+    kernel = f"{system.system} {system.release} {system.machine}"
     if emulated:
         name = f"{EMULATED}{system.machine} board, {loop_rate_hz() * 1e-6:.2f} M loops/s"
     else:
@@ -62,9 +63,14 @@ def read_machine(root: Path = Path("/")) -> Machine:
         name=name,
         kernel=f"{kernel} PREEMPT_RT" if preempt_rt else kernel,
         preempt_rt=preempt_rt,
-        processors=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 0,
+        processors=usable_processors(),
         memory_mib=int(memory[0]) // 1024 if memory and memory[0].isdigit() else 0,
     )
+
+
+def usable_processors() -> int:
+    """Number of processors that this process may use. Only Linux limits them by process; elsewhere, all of them."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class HealthMonitor:
@@ -85,7 +91,7 @@ class HealthMonitor:
             self._last_s, self._last_cpu_s = now_s, cpu_s
         try:
             load = os.getloadavg()[0]
-        except OSError:
+        except (AttributeError, OSError):  # Windows has no such figure
             load = -1.0
         return MachineHealth(self._percent, load, _degrees(self._thermal), resident_kib())
 
@@ -94,7 +100,7 @@ def resident_kib() -> int:
     """Resident memory of this process, 0 if unknown."""
     try:
         return int(_text(Path("/proc/self/statm")).split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
-    except (OSError, ValueError, IndexError):
+    except (AttributeError, OSError, ValueError, IndexError):
         return 0
 
 

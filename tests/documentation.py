@@ -37,7 +37,7 @@ NEEDS = (
 )
 PROGRAMS = (
     *("xitl", "make", "pip", "git", "cd", "echo", "chmod", "ip", "python", "python3"),
-    *("ardurover", "mavproxy.py", "px4"),
+    *("ardurover", "mavproxy.py", "podman", "px4"),
 )
 COMMANDS, CONSOLE, FILE, CODE, SIGNATURE, PATCH = "commands", "console", "file", "code", "signature", "patch"
 OUTPUT, SHAPE, TYPED, DRAWING = "output of", "shape of", "typed", "drawing"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
 import shutil
 import struct
 import sys
@@ -394,7 +395,7 @@ def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/"
     needed: oldest usable Python version.
     root: directory that contains /proc, /sys and /dev.
     """
-    system = os.uname()
+    system = platform.uname()
     place = Path.cwd()
     return [
         check_python(sys.version_info[:3], needed, 8 * struct.calcsize("P")),
@@ -408,7 +409,7 @@ def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/"
         check_temperature(root),
         check_memory(root),
         check_disk(str(place), shutil.disk_usage(place).free),
-        check_clock(root, time.clock_getres(time.CLOCK_MONOTONIC)),
+        check_clock(root, time.get_clock_info("monotonic").resolution),
         check_date(root, time.gmtime().tm_year, RELEASED),
         check_sockets(root),
         check_usb_ethernet(root),

@@ -83,9 +83,9 @@ def wait_readable(descriptors: Sequence[int], timeout_s: float) -> None:
     """Return when one of the descriptors is readable, or after timeout_s.
 
     select() has microsecond resolution, while poll() and epoll round up to milliseconds. But select() does not accept
-    descriptors from 1024 on.
+    descriptors from 1024 on. On Windows, it accepts any socket, and there is no poll().
     """
-    if max(descriptors) < _MOST_FOR_SELECT:
+    if max(descriptors) < _MOST_FOR_SELECT or not hasattr(select, "poll"):
         select.select(descriptors, (), (), timeout_s)
         return
     poll = select.poll()

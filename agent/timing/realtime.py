@@ -66,6 +66,8 @@ def schedule(priority: int) -> str:
 
 def unschedule() -> None:
     """Schedule every thread of this process in the ordinary way again."""
+    if not hasattr(os, "sched_setscheduler"):
+        return
     for thread in _threads():
         os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
 
@@ -87,6 +89,9 @@ def ordinary() -> Iterator[None]:
 def lock_memory() -> str:
     """Lock all pages in memory once they are touched, future ones too (mlockall with MCL_ONFAULT)."""
     advice = "start as root or set LimitMEMLOCK=infinity in the systemd unit"
+    absent = "memory is not locked: this system does not offer it; locking needs Linux"
+    if sys.platform != "linux":
+        return absent
     if not _may_lock_all():
         return f"memory is not locked (the limit is finite and may be too low later); {advice}"
     import ctypes
@@ -94,7 +99,7 @@ def lock_memory() -> str:
     try:
         lock = ctypes.CDLL(None, use_errno=True).mlockall
     except (AttributeError, OSError):
-        return "memory is not locked: this system does not offer it; locking needs Linux"
+        return absent
     if lock(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0:
         return f"memory is not locked ({os.strerror(ctypes.get_errno())}); {advice}"
     return ""

@@ -11,7 +11,6 @@ import errno
 import os
 import select
 import socket
-import termios
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
@@ -61,6 +60,8 @@ class SlcanPort(CanAdapter):
         self._unread = b""
         self._at = 0
         self._unwritten = b""
+        import termios  # not on Windows, where python-can drives other adapters
+
         attributes = termios.tcgetattr(self._descriptor)
         attributes[6][termios.VMIN] = 1  # an empty read then means that the adapter is gone
         termios.tcsetattr(self._descriptor, termios.TCSANOW, attributes)

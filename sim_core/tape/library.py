@@ -84,7 +84,7 @@ def _folder() -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for part in (root, folder):
             status = part.stat()
-            if status.st_uid != os.getuid() or status.st_mode & 0o022:
+            if os.name == "posix" and (status.st_uid != os.getuid() or status.st_mode & 0o022):
                 raise NoKernelError(f"others may write to {part}; make it yours, and chmod 700 {part}")
     except (OSError, RuntimeError) as error:
         raise NoKernelError(f"no folder for the kernel ({error}); set XITL_CACHE to a folder of yours") from error

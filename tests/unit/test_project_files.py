@@ -39,6 +39,63 @@ def test_the_citation_is_of_this_version_and_of_the_paper() -> None:
     assert len(paper["authors"]) == 9
 
 
+def test_the_changelog_keeps_its_form_and_has_upgrade_notes() -> None:
+    """Keep a Changelog 1.1.0: versions newest first with ISO dates, and six kinds of changes."""
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    first, *versions, last = re.findall(r"^## (.+)$", text, re.MULTILINE)
+    assert (first, last) == ("Unreleased", "Upgrade notes")
+    dated = [re.fullmatch(r"(\d+)\.(\d+)\.(\d+) - (\d{4}-\d{2}-\d{2})", version) for version in versions]
+    assert all(dated)
+    numbers = [tuple(int(match[part]) for part in (1, 2, 3)) for match in dated if match]
+    assert numbers == sorted(set(numbers), reverse=True)
+    assert [int(part) for part in __version__.split(".")[:3]] == list(numbers[0])
+    changes, _, notes = text.partition("## Upgrade notes")
+    kinds = set(re.findall(r"^### (.+)$", changes, re.MULTILINE))
+    assert kinds <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+    upgrades = re.findall(r"^### To (.+)$", notes, re.MULTILINE)
+    assert set(upgrades) <= {"the next version", *(version.partition(" ")[0] for version in versions)}
+
+
+def test_the_security_policy_names_what_is_there() -> None:
+    text = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"`make ([a-z-]+)`", text)) <= TARGETS
+    for place in re.findall(r"\]\(([^)#]+)", text):
+        assert (ROOT / place).is_file()
+    assert "Report a vulnerability" in text
+
+
+def test_the_recipe_of_the_images_agrees_with_the_tree() -> None:
+    recipe = (ROOT / "Containerfile").read_text(encoding="utf-8")
+    stages = re.findall(r"^FROM .* AS (\w+)$", recipe, re.MULTILINE)
+    assert stages == ["package", "agent", "run"]
+    for target in re.findall(r"\bmake ([.\w/-]+)", re.sub(r"#.*|apt-get install[^&]*", "", recipe)):
+        assert target in TARGETS or target == ".venv/.run"
+    assert 'CMD ["make", "run"]' in recipe
+    assert all(stage in stages for stage in re.findall(r"--from=(\w+)", recipe))
+    left_out = set((ROOT / ".dockerignore").read_text(encoding="utf-8").split())
+    needed = {
+        "agent",
+        "profiles",
+        "campaigns",
+        "firmware_params",
+        "examples",
+        "constraints.txt",
+        "LICENSE",
+        "README.md",
+    }
+    assert all((ROOT / name).exists() for name in needed)
+    assert not left_out & needed
+    for script in ("try_containers.sh", "try_system.sh", "check_wheel.sh"):
+        assert os.access(ROOT / "tools" / script, os.X_OK)
+
+
+def test_the_workflow_tries_the_other_systems() -> None:
+    jobs = read(".github/workflows/tests.yml")["jobs"]
+    assert jobs["systems"]["strategy"]["matrix"]["system"] == ["macos-latest", "windows-latest"]
+    tried = (ROOT / "tools/try_system.sh").read_text(encoding="utf-8")
+    assert re.findall(r'^"\$bin/xitl" (\w+)', tried, re.MULTILINE)[:5] == ["sim", "logs", "wdri", "view", "campaign"]
+
+
 def test_the_workflow_runs_every_python_that_is_promised() -> None:
     jobs = read(".github/workflows/tests.yml")["jobs"]
     least = PROJECT["requires-python"].removeprefix(">=")

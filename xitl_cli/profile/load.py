@@ -13,6 +13,7 @@ from xitl_cli.profile.files import parameter_files
 from xitl_cli.profile.files.catalogue import PROFILE, SUFFIXES, find_profile
 from xitl_cli.profile.files.compose import at_speed_of_vessel, compose, lay_on, override
 from xitl_cli.profile.files.entry import Entry, Key, KeyPath, Origin, Problem, ProfileError
+from xitl_cli.profile.files.renamed_keys import renamed_key_warnings, with_new_names
 from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.fleet import is_fleet, read_fleet, unfold, unfolded_entry
 from xitl_cli.profile.geographic import with_places_in_metres
@@ -52,15 +53,16 @@ class LoadedProfile:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about valid values that are hardly intended: values of another vessel or another site."""
+        """Warnings about old names of keys, and about values of another vessel or another site."""
+        renamed = renamed_key_warnings(self.entry)
         if self.profile.vessels is None:
-            return tuple(leftovers(self.profile, self.entry))
+            return (*renamed, *leftovers(self.profile, self.entry))
         vessels_of: dict[str, list[str]] = {}
         for name, vessel in self.profile.sailed.items():
             entry, _ = self.entry.nearest(("vessels", name))
             for text in leftovers(vessel, entry):
                 vessels_of.setdefault(text, []).append(name)
-        texts = []
+        texts = renamed
         for text, names in vessels_of.items():
             others = f" and {len(names) - 1} more" if len(names) > 1 else ""
             of_all = len(names) == len(self.profile.sailed)
@@ -175,7 +177,9 @@ def recorded_profiles(data: bytes | None) -> tuple[RunProfile, ...]:
         return ()
     try:
         entry = parse_yaml(data.decode(errors="replace"), PROFILE)
-        return () if entry is None else unchecked_profile(_without_plugins(entry), PROFILE).run_profiles()
+        if entry is None:
+            return ()
+        return unchecked_profile(_without_plugins(with_new_names(entry, recorded=True)), PROFILE).run_profiles()
     except UserError:
         return ()
 

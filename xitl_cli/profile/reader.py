@@ -181,6 +181,11 @@ class Reader:
         return close[0] if close else None
 
 
+def known_paths() -> frozenset[KeyPath]:
+    """Return the paths of all keys and groups of a profile outside lists."""
+    return frozenset(_paths(Profile, ()))
+
+
 def _paths(group: Any, above: KeyPath) -> Iterator[KeyPath]:
     """Yield the paths of all known keys outside lists."""
     for name, annotation in key_annotations(group).items():

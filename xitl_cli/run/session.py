@@ -22,6 +22,7 @@ from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
 from xitl_cli.end_signals import end_signals_handled
 from xitl_cli.errors import UserError
 from xitl_cli.extras import PERCEPTION
+from xitl_cli.logs.model.recording_schema import RECORD, SCHEMA_KEY, SCHEMA_VERSION
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.mcap_file import ChannelMirror, McapFile
@@ -365,10 +366,11 @@ def _write_head(
 ) -> None:
     """Write the data that a reader needs first: profile, dialect of the raw frames, scene."""
     lead = profiles[0]
-    about = {"version": __version__, "profile": profile_name, "seed": str(lead.clock.seed), "started_utc": started}
+    about = {SCHEMA_KEY: str(SCHEMA_VERSION), "version": __version__, "profile": profile_name}
+    about |= {"seed": str(lead.clock.seed), "started_utc": started}
     if lead.vessel:
         about["vessels"] = ", ".join(of_vessel.vessel for of_vessel in profiles)
-    recorder.metadata("xitl", about)
+    recorder.metadata(RECORD, about)
     recorder.attach(directory.PROFILE, "application/yaml", profile_text.encode())
     for name in ("xitl.xml", "fleet.xml") if lead.vessel else ("xitl.xml",):
         recorder.attach(name, "application/xml", files("agent.wire").joinpath(name).read_bytes())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from xitl_cli.errors import UserError
 from xitl_cli.plugin import Command
 
 if TYPE_CHECKING:
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 def _add(app: typer.Typer, name: str) -> None:
     from xitl_cli.plugins.board import command
 
+    app.callback()(refuse_windows)
     app.command("create")(command.create)
     app.command("start")(command.start)
     app.command("stop")(command.stop)
@@ -33,8 +36,15 @@ def _add(app: typer.Typer, name: str) -> None:
 COMMAND = Command("Make and run emulated ARMv7 boards with Debian.", _add, group=True)
 
 
+def refuse_windows() -> None:
+    """Raise UserError on Windows, which has neither the terminals nor the sockets that an emulated board uses."""
+    if os.name == "nt":
+        raise UserError("xitl board: an emulated board needs Linux; use WSL")
+
+
 def running_board(name: str, port: int | None, identity: Path | None, ssh_config: Path | None) -> Board:
     """Return the running emulated board `name`, for access over ssh. Raises UserError if it does not run."""
+    refuse_windows()
     from xitl_cli.deploy.ssh import Board
     from xitl_cli.plugins.board.emulator import the_running_board
 

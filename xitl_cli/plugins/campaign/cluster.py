@@ -28,6 +28,7 @@ from types import TracebackType
 from typing import Any
 
 from agent import __version__
+from agent.machine import usable_processors
 from xitl_cli.errors import UserError
 from xitl_cli.extras import CAMPAIGN
 from xitl_cli.plugins.campaign.execution import Row, RunTask, prepare_for_runs, run_point, stop_runs
@@ -220,7 +221,7 @@ def local_workers(count: int | None, campaign: str) -> Iterator[DaskWorkers]:
     from distributed import Client, LocalCluster, Security
 
     security = Security.temporary()
-    count = count or len(os.sched_getaffinity(0))
+    count = count or usable_processors()
     _silence_logs()
     with (
         tempfile.TemporaryDirectory(prefix="xitl-campaign-", ignore_cleanup_errors=True) as scratch,

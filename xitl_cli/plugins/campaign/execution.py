@@ -26,7 +26,7 @@ from typing import IO, Any, BinaryIO, Protocol, TypeAlias
 from xitl_cli.plugins.campaign import warden
 from xitl_cli.plugins.campaign.figures import figures
 from xitl_cli.plugins.campaign.run_server import RunServers
-from xitl_cli.plugins.campaign.warden import MARK, TEMPORARY, end_marked
+from xitl_cli.plugins.campaign.warden import MARK, PROC, TEMPORARY, end_marked
 
 Row: TypeAlias = dict[str, Any]
 
@@ -40,6 +40,8 @@ RETRIED = (CRASHED, TIMEOUT, MEMORY, KILLED)
 SUMMARY, ERRORS, BASE_FILE = "summary.json", "stderr.txt", "base.yaml"
 _POLL_S = 0.2
 _LONGEST_ERROR = 500  # characters
+_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
+"""Signals from outside of a process. The others are its own faults."""
 _EXIT_STATUS = {0: COMPLETED, 1: INCOMPLETE, 2: FAILED, 130: KILLED}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
@@ -183,8 +185,7 @@ class FreshRun:
         self._handle: int | None = None
         with contextlib.suppress(AttributeError, OSError):
             self._handle = os.pidfd_open(self.pid)
-        self._watcher = select.poll()
-        if self._handle is not None:
+            self._watcher = select.poll()
             self._watcher.register(self._handle, select.POLLIN)
 
     def ends_within(self, wait_s: float) -> bool:
@@ -208,15 +209,29 @@ class FreshRun:
 
 def memory_of_tree_mb(pid: int) -> float:
     """Return the resident memory of a process and its descendants, in megabytes (10^6 bytes)."""
+    if not PROC.is_dir():
+        return _memory_by_psutil_mb(pid)
     pages, left = 0, [pid]
     while left:
         process = left.pop()
         with contextlib.suppress(OSError, ValueError, IndexError):
-            size = Path(f"/proc/{process}/statm").read_text().split()
+            size = (PROC / f"{process}/statm").read_text().split()
             pages += int(size[1]) - int(size[2]) if process != pid else int(size[1])
-            for thread in os.listdir(f"/proc/{process}/task"):  # noqa: PTH208 - names alone
-                left += map(int, Path(f"/proc/{process}/task/{thread}/children").read_text().split())
+            for thread in os.listdir(PROC / f"{process}/task"):  # noqa: PTH208 - names alone
+                left += map(int, (PROC / f"{process}/task/{thread}/children").read_text().split())
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _memory_by_psutil_mb(pid: int) -> float:
+    import psutil  # type: ignore[import-untyped]
+
+    size_bytes = 0
+    with contextlib.suppress(psutil.Error):
+        process = psutil.Process(pid)
+        for member in (process, *process.children(recursive=True)):
+            with contextlib.suppress(psutil.Error):
+                size_bytes += member.memory_info().rss
+    return size_bytes / 1e6
 
 
 def _status(code: int, limit: str | None, summary: dict[str, Any] | None, folder: Path) -> tuple[str, str | None]:
@@ -225,8 +240,7 @@ def _status(code: int, limit: str | None, summary: dict[str, Any] | None, folder
         return limit, {TIMEOUT: "exceeded its time limit", MEMORY: "exceeded its memory limit"}[limit]
     if code < 0:
         name = signal.Signals(-code).name if -code in set(signal.Signals) else str(-code)
-        outside = -code in (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
-        return KILLED if outside else CRASHED, f"ended by {name}"
+        return KILLED if name in _OUTSIDE else CRASHED, f"ended by {name}"
     error = None if summary is None else summary.get("error")
     if code in (0, 1) and summary is not None and error is None:
         return _EXIT_STATUS[code], left_undone(summary) if code else None
@@ -258,11 +272,11 @@ class _Warden:
         with self._lock:
             if self._owner != os.getpid():
                 process = subprocess.Popen(
-                    [sys.executable, "-I", "-S", warden.__file__],
+                    [sys.executable, *(["-I", "-S"] if PROC.is_dir() else ["-I"]), warden.__file__],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
-                    text=True,
+                    encoding="utf-8",
                     start_new_session=True,
                     env={key: value for key, value in os.environ.items() if key != MARK},
                 )

@@ -2,7 +2,7 @@
 
 It reads the start and end of each run from its standard input, `+ MARK FOLDER` and `- MARK FOLDER`. When the input
 ends, the warden ends every process with the mark of an active run. It starts as a single file and imports only the
-standard library.
+standard library on Linux, which shows the environment of each process below /proc. Elsewhere, psutil reads it.
 """
 
 from __future__ import annotations
@@ -19,28 +19,50 @@ MARK = "XITL_CAMPAIGN_RUN"
 """Variable in the environment of a run and of all its descendants."""
 TEMPORARY = "xitl-campaign-run-"
 """Prefix of the folder of a run that is deleted afterwards."""
+PROC = Path("/proc")
+"""Linux shows its processes there."""
 
 
 def end_marked(mark: str) -> int:
     """End every process with this mark in its environment. Return their number."""
-    wanted, ended = f"{MARK}={mark}".encode(), 0
+    end_all = _end_all if PROC.is_dir() else _end_all_by_psutil
+    total = 0
     for _ in range(3):  # processes may start meanwhile
-        others = [int(name) for name in os.listdir("/proc") if name.isdigit() and int(name) != os.getpid()]  # noqa: PTH208
-        marked = [pid for pid in others if _environment_has(pid, wanted)]
-        for pid in marked:
-            with contextlib.suppress(OSError):
-                os.kill(pid, signal.SIGKILL)
-                ended += 1
-        if not marked:
+        ended = end_all(mark)
+        total += ended
+        if not ended:
             break
+    return total
+
+
+def _end_all(mark: str) -> int:
+    wanted, ended = f"{MARK}={mark}".encode(), 0
+    for name in os.listdir(PROC):  # noqa: PTH208
+        if name.isdigit() and int(name) != os.getpid() and _environment_has(int(name), wanted):
+            with contextlib.suppress(OSError):
+                os.kill(int(name), signal.SIGKILL)
+                ended += 1
+    return ended
+
+
+def _end_all_by_psutil(mark: str) -> int:
+    import psutil  # type: ignore[import-untyped]
+
+    ended = 0
+    for process in psutil.process_iter(["environ", "status"]):  # other users' processes have no environ
+        marked = (process.info["environ"] or {}).get(MARK) == mark and process.pid != os.getpid()
+        if marked and process.info["status"] != psutil.STATUS_ZOMBIE:
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+                ended += 1
     return ended
 
 
 def _environment_has(pid: int, wanted: bytes) -> bool:
     try:
-        if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
+        if (PROC / f"{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
             return False
-        environment = Path(f"/proc/{pid}/environ").read_bytes()
+        environment = (PROC / f"{pid}/environ").read_bytes()
     except OSError:
         return False
     return environment.startswith(wanted) or b"\0" + wanted in environment
@@ -50,8 +72,8 @@ def main() -> None:
     """Wait for the end of the worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     runs: dict[str, str] = {}
-    for line in sys.stdin:
-        event, mark, folder = line.rstrip("\n").split(" ", 2)
+    for line in sys.stdin.buffer:
+        event, mark, folder = line.decode().rstrip("\r\n").split(" ", 2)
         if event == "+":
             runs[mark] = folder
         else:

@@ -230,13 +230,21 @@ def _browser_at(browser: str, server: viser.ViserServer, size: tuple[int, int]) 
                 time.sleep(0.05)
             yield next(iter(server.get_clients().values()))
         finally:
-            # End the browser and its child processes, which form a separate session
-            for number in (signal.SIGTERM, signal.SIGKILL):
-                with suppress(ProcessLookupError):
-                    os.killpg(process.pid, number)
-                with suppress(subprocess.TimeoutExpired):
-                    process.wait(5.0)
-                    break
+            _end_session(process)
+
+
+def _end_session(process: subprocess.Popen[bytes]) -> None:
+    """End a process and its child processes, which form a separate session; on Windows, the process alone."""
+    if not hasattr(os, "killpg"):
+        process.kill()
+        process.wait()
+        return
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, number)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(5.0)
+            break
 
 
 def _render(client: Any, camera: Camera, size: tuple[int, int], dark: bool) -> Image.Image:

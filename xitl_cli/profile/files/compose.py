@@ -14,6 +14,7 @@ from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.catalogue import find_profile, profile_name, shown_path
 from xitl_cli.profile.files.entry import Entry, Origin, dotted, merge, profile_error, shown
+from xitl_cli.profile.files.renamed_keys import override_with_new_names, with_new_names
 from xitl_cli.profile.files.yaml_file import parse_yaml, read_yaml
 
 OWN_KEYS = ("name", "description")  # describe one profile; not inherited
@@ -65,6 +66,7 @@ def override(profile: Entry, overrides: Iterable[str]) -> Entry:
                 origin, "extends cannot be set from the command line; write a profile file that extends both"
             )
         value = parse_yaml(value_text, str(origin), first_line=None) or Entry(None, origin)
+        keys, value = override_with_new_names(keys, value)
         profile = _placed(profile, keys, 0, value)
     return profile
 
@@ -87,11 +89,12 @@ def place(profile: Entry, key: str, value: Entry) -> Entry:
         raise profile_error(
             value.origin, "extends cannot be set; merge a part into the profile, or extend both in a file"
         )
+    keys, value = override_with_new_names(keys, value)
     return _placed(profile, keys, 0, value)
 
 
 def _composed(path: Path, chain: tuple[Path, ...]) -> Entry:
-    entry = read_yaml(path, shown_path(path))
+    entry = with_new_names(read_yaml(path, shown_path(path)))
     inherits = (*chain, path.resolve())
     assert isinstance(entry.value, dict)
     vessels = entry.value.get("vessels")

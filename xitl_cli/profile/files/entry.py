@@ -19,6 +19,8 @@ class Origin:
 
     source: str
     line: int | None = None
+    note: str = field(default="", compare=False)
+    """Sentence for a warning about its key: see renamed_keys.py."""
 
     def __str__(self) -> str:
         return self.source if self.line is None else f"{self.source}:{self.line}"

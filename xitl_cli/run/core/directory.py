@@ -106,7 +106,7 @@ def _is_of_a_vessel(folder: Path) -> bool:
 def write_profile(path: Path, text: str) -> None:
     """Write the resolved profile. Raises UserError when there is no space for it."""
     try:
-        (path / PROFILE).write_text(text)
+        (path / PROFILE).write_text(text, encoding="utf-8")
     except OSError as error:
         raise _no_room(path, error) from error
 
@@ -156,7 +156,7 @@ def write_whole(path: Path, text: str) -> None:
     """Write a text file whole or not at all. Raises UserError when there is no space for it."""
     temporary = path.with_suffix(".tmp")
     try:
-        temporary.write_text(text)
+        temporary.write_text(text, encoding="utf-8")
         temporary.replace(path)
     except OSError as error:
         raise UserError(f"{path} cannot be written ({error.strerror}); free space, or choose another --out") from error

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
+from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe, PipeClosedError
 
 LONGEST_REASON = 200
@@ -22,8 +23,13 @@ def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> su
 
     words: file for its standard error.
 
-    The process gets a new session, because Ctrl-C is for the run alone.
+    The process gets a new session, because Ctrl-C is for the run alone. Raises UserError on Windows, where a process
+    inherits no socket.
     """
+    if os.name == "nt":
+        raise UserError(
+            "Windows: the live view and ROS of a run need Linux or macOS; run without them, then use `xitl view`"
+        )
     numbers = [inherited.fileno() for inherited in sockets]
     return subprocess.Popen(
         [sys.executable, "-m", module, *map(str, numbers)],

@@ -87,7 +87,7 @@ class FirmwareLaunch:
         try:
             shutil.rmtree(directory, ignore_errors=True)
             directory.mkdir(parents=True)
-            (directory / PARAMETERS).write_text(parameter_file_text(self._values))
+            (directory / PARAMETERS).write_text(parameter_file_text(self._values), encoding="utf-8")
             if self.bridge.sensors == "hil":
                 shutil.copytree(firmware_params_dir() / "lua", directory / SCRIPTS)
         except OSError as error:

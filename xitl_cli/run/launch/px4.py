@@ -63,7 +63,7 @@ class Px4Launch:
             directory.mkdir(parents=True)
             startup = self._startup_text()
             if startup is not None:
-                (directory / STARTUP).write_text(startup)
+                (directory / STARTUP).write_text(startup, encoding="utf-8")
         except OSError as error:
             raise UserError(f"{directory} cannot be created ({error.strerror}); choose another --out") from error
         process = FirmwareProcess(self.program, self.arguments(), directory, self.environment())
@@ -83,7 +83,7 @@ class Px4Launch:
         system_id = self._profile.autopilot.system_id
         if system_id == self.instance + 1:
             return None
-        text = (self._data / "init.d-posix" / "rcS").read_text()
+        text = (self._data / "init.d-posix" / "rcS").read_text(encoding="utf-8")
         return text.replace(_OWN_SYSTEM, f"param set MAV_SYS_ID {system_id}") if _OWN_SYSTEM in text else None
 
     def environment(self) -> Mapping[str, str]:

@@ -16,6 +16,7 @@ import sys
 import time
 from collections.abc import Sequence
 
+from agent.machine import usable_processors
 from agent.options import Options
 from agent.wire.transport import Transport
 from xitl_cli.errors import UserError
@@ -56,10 +57,11 @@ def fleet_workers(profiles: Sequence[RunProfile]) -> AgentWorkers | None:
     """Return workers for all available processors but the host's, or None when they would not help.
 
     They do not help a single vessel, a real-time run, in which the agents wait for the clock, or a single processor.
+    They need sockets that only Linux has.
     """
     embedded = [each for each in profiles if each.autopilot.kind == "embedded" and each.autopilot.runs == "in-process"]
-    spare = len(os.sched_getaffinity(0)) - 1
-    if len(embedded) < 2 or spare < 1 or profiles[0].clock.mode != "lockstep":
+    spare = usable_processors() - 1
+    if sys.platform != "linux" or len(embedded) < 2 or spare < 1 or profiles[0].clock.mode != "lockstep":
         return None
     return AgentWorkers(spare)
 

@@ -6,7 +6,6 @@ import os
 import select
 import threading
 import time
-import tty
 from abc import ABC, abstractmethod
 from collections import deque
 from contextlib import suppress
@@ -31,6 +30,10 @@ class PtyPair(ABC):
     """
 
     def __init__(self, where: str) -> None:
+        try:
+            import tty
+        except ImportError:
+            raise UserError(f"{where}: this system has no pseudo-terminals; use udp:// or tcp://") from None
         self._masters: list[int] = []
         self._slaves: list[int] = []
         try:

@@ -28,13 +28,13 @@ from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, 
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
+from xitl_cli.logs.model.recording_schema import RECORD, check_schema_version
 from xitl_cli.logs.model.table import Selection, Table
 from xitl_cli.logs.model.vessel_bag import namespaces_of_vessels
 
 if TYPE_CHECKING:
     from xitl_cli.logs.formats.mcap.rewrite import Rewritten
 
-OUR_RECORD = "xitl"
 LOG_TOPIC = "/log"
 FRAMES = "xitl_msgs/msg/MavlinkFrame"
 _YEAR_2000_NS = 946_684_800 * 1_000_000_000
@@ -84,6 +84,7 @@ class McapLog(Log):
             index.settle(self._source.size)
         else:
             walk.read_range(len(container.MAGIC), self._source.size)
+        check_schema_version(str(self.path), index.metadata.get(RECORD, {}))
         if self._vessel and self._vessel not in self.vessels:
             there = ", ".join(self.vessels)
             raise LogError(
@@ -98,7 +99,7 @@ class McapLog(Log):
 
     @property
     def base(self) -> Base:
-        if OUR_RECORD in self._index.metadata:
+        if RECORD in self._index.metadata:
             return "simulation"
         span = self._index.span_ns
         return "utc" if span is not None and span[0] >= _YEAR_2000_NS else "unknown"
@@ -114,9 +115,9 @@ class McapLog(Log):
 
     @property
     def vessels(self) -> tuple[str, ...]:
-        if OUR_RECORD not in self._index.metadata:
+        if RECORD not in self._index.metadata:
             return tuple(namespaces_of_vessels(channel.topic for channel in self._index.channels.values()))
-        names = self._index.metadata[OUR_RECORD].get("vessels", "")
+        names = self._index.metadata[RECORD].get("vessels", "")
         return tuple(name.strip() for name in names.split(",") if name.strip())
 
     @property
@@ -155,7 +156,7 @@ class McapLog(Log):
         index = self._index
         packed = sorted({chunk.compression or "none" for chunk in index.chunks if not chunk.loose})
         facts = {"library": index.library, "mcap_profile": index.profile, "compression": ", ".join(packed)}
-        facts |= index.metadata.get(OUR_RECORD, {})
+        facts |= index.metadata.get(RECORD, {})
         facts |= {"chunks": str(sum(not chunk.loose for chunk in index.chunks))}
         facts |= {"attachments": ", ".join(attachment.name for attachment in index.attachments)}
         return {key: value for key, value in facts.items() if value}
