@@ -124,6 +124,7 @@ def test_the_truth_is_recorded_with_each_image(several: Path) -> None:
         ("sensors.cameras.0.rate_hz=7", "sensors.cameras.0.rate_hz = 7 does not divide the physics rate"),
         ("sensors.cameras.0.lens.view_deg=170", "too wide for a pinhole"),
         ("sensors.cameras.0.name=Bow Camera", "cannot be part of a topic"),
+        ("sensors.cameras.0.position_frd_m=[0, 0.6, 0.1]", "is inside a hull; use a down coordinate below"),
         ("sensors.cameras.0.detector=best", "best: no installed package registers it in xitl.detectors"),
     ],
 )

@@ -83,6 +83,10 @@ def daylight(sun_ned: Array, clouds: float) -> Daylight:
     return Daylight(sun_ned, sun, sky, zenith, horizon, glow, cloud, clouds, stars, exposure)
 
 
-def visible_extinction_per_m(visibility_m: float | None) -> float:
-    """Return the extinction of visible light, 1/m. None: clear air."""
-    return 3.912 / (CLEAR_VISIBILITY_M if visibility_m is None else visibility_m)
+def visible_extinction_per_m(visibility_m: float | None, rain_mmph: float = 0.0) -> float:
+    """Return the extinction of visible light, 1/m. None: clear air.
+
+    Koschmieder's law, and rain as in LOWTRAN 7: 0.365 R^0.63 per kilometre.
+    """
+    air = 3.912 / (CLEAR_VISIBILITY_M if visibility_m is None else visibility_m)
+    return air + 0.365e-3 * float(rain_mmph**0.63)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, timedelta
 from itertools import pairwise
@@ -21,6 +21,7 @@ from sim_core.frames import Array
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from sim_core.world.debris import BodyKind
+from xitl_cli.errors import UserError
 from xitl_cli.plugin import NodeContext
 from xitl_cli.plugins.cameras.daylight import Daylight, daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.detector import DetectorScore
@@ -145,6 +146,7 @@ class CameraNode(RunNode):
         return GimbalAngles(gimbal.pitch_deg, gimbal.yaw_deg)
 
     def prepare(self) -> None:
+        self._refuse_hidden()
         self._outputs.prepare()
         context = self._context
         vessel = context.profile.vessel or context.profile.name
@@ -212,8 +214,32 @@ class CameraNode(RunNode):
                 "by_name": cameras,
                 **self._outputs.report(),
             },
-            "warnings": list(self._problems),
+            "warnings": [*self._problems, *self._slowness(figures.processor_ms_per_image)],
         }
+
+    def _slowness(self, drawing_ms: float) -> Iterator[str]:
+        """Yield a sentence for each camera whose images this machine could not draw in time."""
+        for name, camera in self._cameras.items():
+            if camera.counts.skipped:
+                yield (
+                    f"camera {name}: {camera.counts.skipped} of {camera.number} images were skipped, as one needs "
+                    f"{drawing_ms:.0f} ms of processor time here; lower its rate_hz, width_px and height_px"
+                )
+
+    def _refuse_hidden(self) -> None:
+        """Raise UserError for a camera inside a hull, by the box around the hull."""
+        profile = self._context.profile
+        for number, camera in enumerate(self._cameras.values()):
+            place = np.array(camera.keys.position_frd_m)
+            for hull in profile.vehicle.demi_hulls:
+                middle = np.array(hull.keel_frd_m) - [0.0, 0.0, 0.5 * hull.height_m]
+                size = np.array([hull.length_m, hull.width_m, hull.height_m])
+                if (np.abs(place - middle) < 0.5 * size).all():
+                    top_m = hull.keel_frd_m[2] - hull.height_m
+                    raise UserError(
+                        f"{profile.name}: sensors.cameras.{number}.position_frd_m = {place.tolist()} is inside a hull; "
+                        f"use a down coordinate below {top_m:.2f}"
+                    )
 
     # Exposure
 
@@ -324,7 +350,7 @@ class CameraNode(RunNode):
             water_down_m=self._context.scenery.water_down_m - environment.tide.height_m(time_s),
             wind_ne_mps=wind,
             light=self._light_at(pose.stamp_ns),
-            extinction_per_m=visible_extinction_per_m(keys.visibility_m),
+            extinction_per_m=visible_extinction_per_m(keys.visibility_m, keys.rain_mmph),
             water_colour=CLEAR_WATER + muddy * (MUDDY_WATER - CLEAR_WATER),
             placed=self._placed(pose),
             foam=self._foam(pose),
