@@ -109,6 +109,15 @@ def commands() -> dict[str, tuple[list[str], set[str]]]:
     return {
         "stations": (sim("ground-station"), {STATIONS}),
         "fleet": (["sim", "fleet-crossing", "--clock", "realtime", "--out", "run"], {STATIONS, ROUTER}),
+        "cameras": (
+            sim(
+                "ground-station",
+                "sensors.cameras=[{name: front, width_px: 64, height_px: 48, rate_hz: 1, serve: 'http://"
+                + here
+                + "'}]",
+            ),
+            {STATIONS, ROUTER, COMPONENTS, CAMERAS},
+        ),
         "agent over UDP": (sim("hitl-loopback"), {STATIONS, UDP_AGENT}),
         "agent over TCP": (
             sim("sitl-perception", f"sensors.sonar.serve=udp://{here}", "clock.duration_s=300"),
