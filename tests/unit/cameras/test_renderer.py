@@ -20,33 +20,35 @@ from sim_core.world.geometry import CONCRETE, STEEL, Mesh, box, moved, sphere
 from xitl_cli.plugins.cameras.daylight import daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.gimbal import ROT_FRD_OPTICAL
 from xitl_cli.plugins.cameras.images import ObjectClass
-from xitl_cli.plugins.cameras.models import VERTEX, Model, WorldObject, triangles, world_model
+from xitl_cli.plugins.cameras.models import VERTEX, TriangleModel, WorldObject, triangles, world_model
 from xitl_cli.plugins.cameras.renderer import (
     SEA_ID,
     SKY_ID,
-    Placed,
+    DrawnWorld,
+    ImageResponse,
+    PlacedModel,
     Renderer,
-    Response,
     Shot,
-    Surroundings,
-    View,
+    Viewpoint,
     faces_of,
 )
 from xitl_cli.profile import load_profile
 from xitl_cli.scenery import Scenery
 
 LENS = Lens.from_spec(LensSpec(view_deg=75), 640, 480)
-NOISELESS = Response()
+NOISELESS = ImageResponse()
 
 
-def view(north_m: float, east_m: float, down_m: float, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> View:
+def view(north_m: float, east_m: float, down_m: float, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Viewpoint:
     quat = frames.euler_to_quat(np.radians([0.0, pitch_deg, yaw_deg]))
-    return View(np.array([north_m, east_m, down_m]), frames.quat_to_matrix(quat) @ ROT_FRD_OPTICAL)
+    return Viewpoint(np.array([north_m, east_m, down_m]), frames.quat_to_matrix(quat) @ ROT_FRD_OPTICAL)
 
 
-def surroundings(*placed: Placed, waves: object = FlatWater(), time_s: float = 0.0, **changes: object) -> Surroundings:
+def surroundings(
+    *placed: PlacedModel, waves: object = FlatWater(), time_s: float = 0.0, **changes: object
+) -> DrawnWorld:
     sun = np.array([0.6, 0.5, -0.62])
-    world = Surroundings(
+    world = DrawnWorld(
         time_s=time_s,
         waves=waves,
         water_down_m=0.0,
@@ -59,20 +61,20 @@ def surroundings(*placed: Placed, waves: object = FlatWater(), time_s: float = 0
     return replace(world, **changes)
 
 
-def model(*meshes: Mesh, colour: tuple[float, float, float] = (0.8, 0.2, 0.1)) -> Model:
+def model(*meshes: Mesh, colour: tuple[float, float, float] = (0.8, 0.2, 0.1)) -> TriangleModel:
     vertices = [triangles(mesh, colour, ObjectClass.OTHER, number) for number, mesh in enumerate(meshes)]
     objects = [
         WorldObject(f"object {number}", ObjectClass.OTHER, (0, 0, 0), (1, 1, 1)) for number in range(len(meshes))
     ]
-    return Model(np.concatenate(vertices), tuple(objects))
+    return TriangleModel(np.concatenate(vertices), tuple(objects))
 
 
-def at_origin(name: str) -> Placed:
-    return Placed(name, np.zeros(3), np.eye(3), 1)
+def at_origin(name: str) -> PlacedModel:
+    return PlacedModel(name, np.zeros(3), np.eye(3), 1)
 
 
 @pytest.fixture(scope="module")
-def river() -> Iterator[tuple[Scenery, Model, Renderer]]:
+def river() -> Iterator[tuple[Scenery, TriangleModel, Renderer]]:
     scenery = Scenery(load_profile("sitl-perception"))
     world = world_model(scenery)
     renderer = Renderer({"world": world}, ("world",), samples=1)
@@ -80,7 +82,9 @@ def river() -> Iterator[tuple[Scenery, Model, Renderer]]:
     renderer.close()
 
 
-def drawn(one: Model, where: View, lens: Lens, response: Response = NOISELESS, samples: int = 4) -> np.ndarray:
+def drawn(
+    one: TriangleModel, where: Viewpoint, lens: Lens, response: ImageResponse = NOISELESS, samples: int = 4
+) -> np.ndarray:
     renderer = Renderer({"one": one}, samples=samples)
     world = surroundings(at_origin("one"))
     try:
@@ -89,10 +93,10 @@ def drawn(one: Model, where: View, lens: Lens, response: Response = NOISELESS, s
         renderer.close()
 
 
-def test_distances_are_those_of_the_lidars_ray_caster(river: tuple[Scenery, Model, Renderer]) -> None:
+def test_distances_are_those_of_the_lidars_ray_caster(river: tuple[Scenery, TriangleModel, Renderer]) -> None:
     scenery, world, renderer = river
     where = view(8.0, 14.0, -1.6, yaw_deg=70.0, pitch_deg=-2.0)
-    still = replace(surroundings(Placed("world", np.zeros(3), np.eye(3), 1)), water_down_m=scenery.water_down_m)
+    still = replace(surroundings(PlacedModel("world", np.zeros(3), np.eye(3), 1)), water_down_m=scenery.water_down_m)
     measured = renderer.measure(where, LENS, still)
     number = measured[..., 0].astype(int)
     # Pixels inside of an object, not at its edge, that are not of the ground, which is drawn with larger triangles
@@ -114,7 +118,7 @@ def test_distances_are_those_of_the_lidars_ray_caster(river: tuple[Scenery, Mode
     assert np.mean(off < 0.02) > 0.985
 
 
-def test_the_water_is_the_surface_of_the_simulation(river: tuple[Scenery, Model, Renderer]) -> None:
+def test_the_water_is_the_surface_of_the_simulation(river: tuple[Scenery, TriangleModel, Renderer]) -> None:
     _, _, renderer = river
     profile = load_profile("sitl", ["environment.waves.significant_height_m=0.5", "environment.waves.peak_period_s=3"])
     waves = Environment.from_spec(profile.environment, default_rng(2)).waves
@@ -169,7 +173,7 @@ def test_every_pixel_of_a_fisheye_is_drawn_once(view_deg: float) -> None:
     np.testing.assert_array_equal(times, seen.astype(int))
 
 
-def board(squares_m: float) -> tuple[Model, np.ndarray, int]:
+def board(squares_m: float) -> tuple[TriangleModel, np.ndarray, int]:
     """A marker of ArUco of six by six squares with a white rim, upright across the north, and its corners."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     picture = np.pad(cv2.aruco.generateImageMarker(dictionary, 7, 6), 1, constant_values=255)
@@ -181,7 +185,11 @@ def board(squares_m: float) -> tuple[Model, np.ndarray, int]:
         parts.append(triangles(square, colour, ObjectClass.OTHER, 0, 0.0))
     half = 3.0 * squares_m
     corners = np.array([[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]])
-    return Model(np.concatenate(parts), (WorldObject("board", ObjectClass.OTHER, (0, 0, 0), (1, 1, 1)),)), corners, 7
+    return (
+        TriangleModel(np.concatenate(parts), (WorldObject("board", ObjectClass.OTHER, (0, 0, 0), (1, 1, 1)),)),
+        corners,
+        7,
+    )
 
 
 def test_opencv_finds_the_true_pose_of_a_marker() -> None:
@@ -189,9 +197,9 @@ def test_opencv_finds_the_true_pose_of_a_marker() -> None:
     renderer = Renderer({"board": marker}, samples=4)
     turn_deg, place = 24.0, np.array([9.0, 1.2, -3.0])
     rotation = frames.quat_to_matrix(frames.euler_to_quat(np.radians([0.0, 0.0, turn_deg])))
-    world = surroundings(Placed("board", place, rotation, 1))
+    world = surroundings(PlacedModel("board", place, rotation, 1))
     where = view(0.0, 0.0, -2.5)
-    image = renderer.colour([Shot(where, world)], LENS, Response(exposure=world.light.exposure))
+    image = renderer.colour([Shot(where, world)], LENS, ImageResponse(exposure=world.light.exposure))
     renderer.close()
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     found, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
@@ -207,10 +215,10 @@ def test_opencv_finds_the_true_pose_of_a_marker() -> None:
     assert np.degrees(np.arccos(normal @ true_normal)) < 1.5
 
 
-def test_the_same_picture_is_drawn_again(river: tuple[Scenery, Model, Renderer]) -> None:
+def test_the_same_picture_is_drawn_again(river: tuple[Scenery, TriangleModel, Renderer]) -> None:
     _, world, renderer = river
-    where, around = view(3.0, 2.0, -1.5, 40.0), surroundings(Placed("world", np.zeros(3), np.eye(3), 1))
-    response = Response(around.light.exposure, 0.3, 0.01, 0.01, (11, 301))
+    where, around = view(3.0, 2.0, -1.5, 40.0), surroundings(PlacedModel("world", np.zeros(3), np.eye(3), 1))
+    response = ImageResponse(around.light.exposure, 0.3, 0.01, 0.01, (11, 301))
     first = renderer.colour([Shot(where, around)], LENS, response).copy()
     renderer.colour([Shot(view(-30.0, 2.0, -1.5, 140.0), around)], LENS, response)
     again = renderer.colour([Shot(where, around)], LENS, response)
@@ -224,7 +232,7 @@ def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
     pole = model(moved(box((0.3, 0.3, 30.0), STEEL), (20.0, 0.0, -10.0)), colour=(0.05, 0.05, 0.05))
     renderer = Renderer({"pole": pole}, samples=1)
     world = surroundings(at_origin("pole"))
-    response = Response(exposure=world.light.exposure)
+    response = ImageResponse(exposure=world.light.exposure)
     step_deg = 0.9  # of yaw from each band of rows to the next
     bands = [
         Shot(view(0, 0, -10.0, yaw_deg=step_deg * number), world, (60 * number, 60 * number + 60))
@@ -249,7 +257,7 @@ def test_fog_hides_what_is_beyond_the_visibility() -> None:
 
     def contrast(visibility_m: float) -> float:
         world = surroundings(at_origin("wall"), extinction_per_m=visible_extinction_per_m(visibility_m))
-        image = renderer.colour([Shot(view(0, 0, -8.0), world)], LENS, Response(exposure=world.light.exposure))
+        image = renderer.colour([Shot(view(0, 0, -8.0), world)], LENS, ImageResponse(exposure=world.light.exposure))
         rows = image[200:230].astype(float) / 255.0
         light = np.where(rows > 0.04045, ((rows + 0.055) / 1.055) ** 2.4, rows / 12.92)[..., 1]
         return float(1.0 - light[:, 310:330].mean() / light[:, 2:20].mean())
@@ -266,7 +274,7 @@ def test_noise_has_the_deviation_of_its_keys() -> None:
     away = view(0.0, 0.0, -50.0, pitch_deg=60.0)
     none = model(moved(box((1.0, 1.0, 1.0), STEEL), (-500.0, 0.0, 0.0)))
     calm = drawn(none, away, LENS).astype(float)
-    noisy = drawn(none, away, LENS, Response(read_noise=0.02, shot_noise=0.03, grain_at=(5, 9))).astype(float)
+    noisy = drawn(none, away, LENS, ImageResponse(read_noise=0.02, shot_noise=0.03, grain_at=(5, 9))).astype(float)
     middling = (calm > 80) & (calm < 180)
     expected = np.sqrt(0.02**2 + 0.03**2 * calm[middling] / 255.0)
     measured = (noisy - calm)[middling] / 255.0 / expected

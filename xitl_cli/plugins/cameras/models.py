@@ -85,7 +85,7 @@ class WorldObject:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
+class TriangleModel:
     """Triangles that move together. Numbers of objects count within the model."""
 
     vertices: NDArray[np.void]
@@ -135,7 +135,7 @@ def _object(name: str, kind: ObjectClass, points_m: Array, rotation: Array | Non
     return WorldObject(name, kind, (x, y, z), (length, width, height), turn)
 
 
-def world_model(scenery: Scenery, lowest_tide_m: float = 0.0) -> Model:
+def world_model(scenery: Scenery, lowest_tide_m: float = 0.0) -> TriangleModel:
     """Return everything that does not move, in NED. Floats of the boom, buildings and meshes are objects of their own.
 
     lowest_tide_m: lowest height of the water above its mean level.
@@ -167,7 +167,7 @@ def world_model(scenery: Scenery, lowest_tide_m: float = 0.0) -> Model:
     if isinstance(scenery.bed, RiverBed):
         below_ground_m = corners[..., 2] - scenery.bed.bed_down_m(corners[..., :2])
         seen &= below_ground_m.min(axis=1) < BURIED_M
-    return Model(joined[np.repeat(seen, 3)], tuple(objects))
+    return TriangleModel(joined[np.repeat(seen, 3)], tuple(objects))
 
 
 def _long_axis(points_m: Array) -> Array:
@@ -177,14 +177,14 @@ def _long_axis(points_m: Array) -> Array:
     return np.array([axes[0, 0], axes[0, 1], 0.0])
 
 
-def body_model(name: str, mesh: Mesh, kind: BodyKind | None) -> Model:
+def body_model(name: str, mesh: Mesh, kind: BodyKind | None) -> TriangleModel:
     """Return a drifting body, or another hull (None), in its axes: forward, right, down."""
     shown = ObjectClass.VESSEL if kind is None else ObjectClass.DEBRIS
     colour = WHITE if kind is None else _BODY_COLOURS[kind]
-    return Model(_of_mesh(mesh, shown, 0, colour), (_object(name, shown, mesh.vertices_m),))
+    return TriangleModel(_of_mesh(mesh, shown, 0, colour), (_object(name, shown, mesh.vertices_m),))
 
 
-def vessel_model(vehicle: VesselSpec, name: str, kind: ObjectClass = ObjectClass.VESSEL) -> Model:
+def vessel_model(vehicle: VesselSpec, name: str, kind: ObjectClass = ObjectClass.VESSEL) -> TriangleModel:
     """Return a vessel in its axes, FRD: hulls, deck, mast with lights, propellers with guards, rudders.
 
     The parts above the deck are chosen: a profile does not describe them.
@@ -243,7 +243,7 @@ def vessel_model(vehicle: VesselSpec, name: str, kind: ObjectClass = ObjectClass
         pieces.append((moved(blade, rudder.position_frd_m), RED, 0.0))
     vertices = np.concatenate([triangles(mesh, colour, kind, 0, pattern) for mesh, colour, pattern in pieces])
     corners = np.concatenate([mesh.vertices_m for mesh, _, _ in pieces])
-    return Model(vertices, (_object(name, kind, corners),))
+    return TriangleModel(vertices, (_object(name, kind, corners),))
 
 
 def _propeller(radius_m: float) -> Iterator[Mesh]:

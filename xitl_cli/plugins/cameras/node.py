@@ -40,10 +40,10 @@ from xitl_cli.plugins.cameras.images import (
     image_topic,
 )
 from xitl_cli.plugins.cameras.mavlink_camera import GimbalAngles
-from xitl_cli.plugins.cameras.models import Model, body_model, vessel_model, world_model
+from xitl_cli.plugins.cameras.models import TriangleModel, body_model, vessel_model, world_model
 from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
-from xitl_cli.plugins.cameras.renderer import FoamTrail, Placed, Response, Shot, Surroundings, View
+from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, ImageResponse, PlacedModel, Shot, Viewpoint
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
 from xitl_cli.record.topics import vessel_name
 from xitl_cli.record.truth import timestamp
@@ -126,7 +126,7 @@ class CameraNode(RunNode):
         self._bodies = 0
         self._listeners: list[Callable[[CameraImage], None]] = []
         self._problems: list[str] = []
-        self._models: dict[str, Model] = {}
+        self._models: dict[str, TriangleModel] = {}
         self._studio = RemoteStudio(keys, self._problems.append)
         servers = StreamServers.of_run(context.scenery)
         self._outputs = CameraOutputs(keys, profile, servers, context.components_url, self.point, self._angles)
@@ -278,7 +278,7 @@ class CameraNode(RunNode):
                 stamp_ns=stamp_ns,
                 shots=shots,
                 middle=middle,
-                response=Response(
+                response=ImageResponse(
                     exposure=light.exposure * 2.0**exposure.compensation_ev,
                     vignetting=camera.keys.lens.vignetting,
                     read_noise=exposure.read_noise,
@@ -335,16 +335,16 @@ class CameraNode(RunNode):
     def _shot(self, camera: Mounted, stamp_ns: int, rows: tuple[int, int] | None = None, share: float = 1.0) -> Shot:
         pose = self._pose(stamp_ns)
         place = pose.pos_ned_m + pose.rot_ned_frd @ np.array(camera.keys.position_frd_m)
-        view = View(place, camera.gimbal.rot_ned_optical(pose.rot_ned_frd))
-        return Shot(view, self._surroundings(pose), rows, share)
+        view = Viewpoint(place, camera.gimbal.rot_ned_optical(pose.rot_ned_frd))
+        return Shot(view, self._world(pose), rows, share)
 
-    def _surroundings(self, pose: Pose) -> Surroundings:
+    def _world(self, pose: Pose) -> DrawnWorld:
         plant, environment = self._context.plant, self._context.plant.simulation.environment
         keys = self._context.profile.environment
         time_s = pose.stamp_ns * 1e-9
         muddy = min(keys.water_reflectivity / 0.05, 1.0)
         wind = environment.wind.velocity_ned_mps(plant.state.environment.wind, time_s)[0, :2]
-        return Surroundings(
+        return DrawnWorld(
             time_s=time_s,
             waves=environment.waves,
             water_down_m=self._context.scenery.water_down_m - environment.tide.height_m(time_s),
@@ -376,11 +376,11 @@ class CameraNode(RunNode):
             self._light = stamp_ns, daylight(sun, keys.clouds)
         return self._light[1]
 
-    def _placed(self, pose: Pose) -> tuple[Placed, ...]:
+    def _placed(self, pose: Pose) -> tuple[PlacedModel, ...]:
         """Return world, vessel and moving bodies at their places; a new body becomes a model first."""
-        placed = [Placed(WORLD, np.zeros(3), np.eye(3), 1)]
+        placed = [PlacedModel(WORLD, np.zeros(3), np.eye(3), 1)]
         number = 1 + len(self._models[WORLD].objects)
-        placed.append(Placed(OWN, pose.pos_ned_m, pose.rot_ned_frd, number))
+        placed.append(PlacedModel(OWN, pose.pos_ned_m, pose.rot_ned_frd, number))
         number += 1
         plant = self._context.plant
         bodies = plant.bodies()
@@ -395,7 +395,7 @@ class CameraNode(RunNode):
                 self._models[name] = body_model(name, mesh, kinds[index] if drifts else None)
                 self._studio.add(name, self._models[name])
             place = bodies.pos_ned_m[index] - behind_s * bodies.vel_ned_mps[index]
-            placed.append(Placed(name, place, bodies.rot_ned_body[index], number))
+            placed.append(PlacedModel(name, place, bodies.rot_ned_body[index], number))
             number += 1
         return tuple(placed)
 

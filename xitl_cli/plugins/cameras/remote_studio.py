@@ -15,7 +15,7 @@ from sim_core.sensors.camera_spec import CameraSpec
 from xitl_cli.errors import UserError
 from xitl_cli.extras import CAMERA
 from xitl_cli.plugins.cameras.images import CameraImage, Detection, ObjectClass, SeenObject
-from xitl_cli.plugins.cameras.models import Model
+from xitl_cli.plugins.cameras.models import TriangleModel
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
 from xitl_cli.run.core.side_process import SideProcess
 
@@ -39,7 +39,7 @@ class StudioStart:
     """First message to the process."""
 
     cameras: Sequence[CameraSpec]
-    models: Mapping[str, Model]
+    models: Mapping[str, TriangleModel]
     still: Collection[str]
     """Models that never move."""
 
@@ -59,7 +59,7 @@ class RemoteStudio:
         self._submitted: deque[Commission] = deque()
         self.figures = StudioFigures()
 
-    def start(self, models: Mapping[str, Model], still: Collection[str]) -> None:
+    def start(self, models: Mapping[str, TriangleModel], still: Collection[str]) -> None:
         """Start the process and wait until it can draw. Raises UserError when this machine cannot."""
         self._process.start()
         self._process.send(StudioStart(tuple(self._cameras.values()), models, still))
@@ -73,7 +73,7 @@ class RemoteStudio:
         """Images that were submitted and not collected."""
         return len(self._submitted)
 
-    def add(self, name: str, model: Model) -> None:
+    def add(self, name: str, model: TriangleModel) -> None:
         """Add a model before images that show it."""
         self._process.send((name, model))
 

@@ -1,7 +1,8 @@
 """Draws the world with OpenGL, on a GPU or, without one, with Mesa's software renderer. It needs no display.
 
-    renderer = Renderer(...)
-    renderer.draw(view, surroundings)  ->  Picture: colours, numbers of objects, metres
+    renderer = Renderer(models)
+    renderer.colour(shots, lens, response)  ->  image
+    renderer.measure(view, lens, world)     ->  object, metres and temperature of each pixel
 
 Passes of one picture: the sky by direction (when the light has changed), shadows, objects mirrored at the still water,
 sky, objects, water, then the lens with exposure and noise. A second set of passes measures object, distance and
@@ -27,7 +28,7 @@ from sim_core.frames import Array
 from sim_core.sensors.lens import Lens
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.cameras.daylight import SUN_RADIUS_RAD, Daylight
-from xitl_cli.plugins.cameras.models import VERTEX, WATER_C, Model
+from xitl_cli.plugins.cameras.models import VERTEX, WATER_C, TriangleModel
 
 NEAR_M, FAR_M = 0.08, 12_000.0
 MOST_COMPONENTS = 64
@@ -50,7 +51,7 @@ MOST_BENT_DEG = 75.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class Viewpoint:
     """Where a picture is taken from."""
 
     pos_ned_m: Array
@@ -60,7 +61,7 @@ class View:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class PlacedModel:
     """A model at a place."""
 
     model: str
@@ -84,7 +85,7 @@ class FoamTrail:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
+class DrawnWorld:
     """The world at one instant."""
 
     time_s: float
@@ -98,7 +99,7 @@ class Surroundings:
     extinction_per_m: float
     water_colour: Array
     """Diffuse reflectance, (3,)."""
-    placed: Sequence[Placed]
+    placed: Sequence[PlacedModel]
     foam: Sequence[FoamTrail] = ()
 
 
@@ -106,8 +107,8 @@ class Surroundings:
 class Shot:
     """What is drawn for an image, or for some of its rows."""
 
-    view: View
-    world: Surroundings
+    view: Viewpoint
+    world: DrawnWorld
     rows: tuple[int, int] | None = None
     """First row and the row after the last one; None for all."""
     share: float = 1.0
@@ -115,7 +116,7 @@ class Shot:
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
+class ImageResponse:
     """From light to the values of an image."""
 
     exposure: float = 1.0
@@ -163,7 +164,7 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Face:
+class ViewFace:
     """A plane on which a part of the view is drawn, and the pixels of the image that look at it."""
 
     rot_optical_face: Array
@@ -175,11 +176,11 @@ class Face:
     """Of an ideal pinhole None. Otherwise (H, W, 2): where each pixel looks, 0 to 1; -1 for pixels of other faces."""
 
 
-def faces_of(lens: Lens) -> tuple[Face, ...]:
+def faces_of(lens: Lens) -> tuple[ViewFace, ...]:
     """Return the planes that together show what a lens sees."""
     if lens.is_ideal:
         tangent = 0.5 * lens.width_px / lens.focal_px, 0.5 * lens.height_px / lens.focal_px
-        return (Face(np.eye(3), (lens.width_px, lens.height_px), tangent, None),)
+        return (ViewFace(np.eye(3), (lens.width_px, lens.height_px), tangent, None),)
     directions = lens.all_directions()
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(directions).all(axis=-1))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -208,11 +209,11 @@ def faces_of(lens: Lens) -> tuple[Face, ...]:
 
 def _face(
     directions: Array, here: NDArray[np.bool_], rotation: Array, size: tuple[int, int], tangent: tuple[float, float]
-) -> Face:
+) -> ViewFace:
     local = directions @ rotation
     with np.errstate(invalid="ignore", divide="ignore"):
         places = 0.5 + 0.5 * local[..., :2] / local[..., 2:] / np.array(tangent)
-    return Face(rotation, size, tangent, np.where(here[..., None], places, -1.0).astype(float32))
+    return ViewFace(rotation, size, tangent, np.where(here[..., None], places, -1.0).astype(float32))
 
 
 def make_context() -> Any:
@@ -319,7 +320,7 @@ class Renderer:
     still: names of models that never move, and so cast shadows. samples: of each pixel, for smooth edges.
     """
 
-    def __init__(self, models: Mapping[str, Model], still: Collection[str] = (), samples: int = 4) -> None:
+    def __init__(self, models: Mapping[str, TriangleModel], still: Collection[str] = (), samples: int = 4) -> None:
         rng = default_rng(1)  # of the patterns on water and sensors, the same in all runs
         context = self._context = make_context()
         self.device = str(context.info["GL_RENDERER"])
@@ -376,12 +377,12 @@ class Renderer:
         for name, model in models.items():
             self.add(name, model)
 
-    def add(self, name: str, model: Model) -> None:
+    def add(self, name: str, model: TriangleModel) -> None:
         """Add a model, or replace it."""
         with self._context:
             self._load(name, model)
 
-    def _load(self, name: str, model: Model) -> None:
+    def _load(self, name: str, model: TriangleModel) -> None:
         cells = Cells.of(model.vertices)
         buffer = self._context.buffer(cells.vertices.tobytes() or bytes(VERTEX.itemsize))
         indices = self._context.buffer(cells.indices.tobytes() or bytes(4))
@@ -401,12 +402,12 @@ class Renderer:
 
     # Pictures
 
-    def colour(self, shots: Sequence[Shot], lens: Lens, response: Response) -> NDArray[uint8]:
+    def colour(self, shots: Sequence[Shot], lens: Lens, response: ImageResponse) -> NDArray[uint8]:
         """Return an image, (H, W, 3), sRGB: the mean of the shots of each row."""
         with self._context:  # several renderers may exist
             return self._image(shots, lens, response)
 
-    def _image(self, shots: Sequence[Shot], lens: Lens, response: Response) -> NDArray[uint8]:
+    def _image(self, shots: Sequence[Shot], lens: Lens, response: ImageResponse) -> NDArray[uint8]:
         target = self._target(lens)
         target.image.clear()
         for rows, group in groupby(shots, lambda shot: shot.rows):
@@ -420,7 +421,7 @@ class Renderer:
         pixels = np.frombuffer(target.image.read(components=3, alignment=1), uint8)
         return pixels.reshape(lens.height_px, lens.width_px, 3)
 
-    def _draw(self, target: Target, face: Face, shot: Shot, exposure: float) -> None:
+    def _draw(self, target: Target, face: ViewFace, shot: Shot, exposure: float) -> None:
         """Draw the light of one instant on a face into `target.drawn`."""
         context, view, world = self._context, shot.view, shot.world
         self._set_light(world, exposure)
@@ -465,12 +466,12 @@ class Renderer:
             raw = np.frombuffer(self._target(lens).numbers.read(), float32)
         return raw.reshape(lens.height_px, lens.width_px)
 
-    def measure(self, view: View, lens: Lens, world: Surroundings) -> NDArray[float32]:
+    def measure(self, view: Viewpoint, lens: Lens, world: DrawnWorld) -> NDArray[float32]:
         """Return number of the object, metres along the optical axis and °C of each pixel, (H, W, 3)."""
         with self._context:
             return self._measured(view, lens, world)
 
-    def _measured(self, view: View, lens: Lens, world: Surroundings) -> NDArray[float32]:
+    def _measured(self, view: Viewpoint, lens: Lens, world: DrawnWorld) -> NDArray[float32]:
         context, target = self._context, self._target(lens)
         self._set_light(world, 1.0)
         self._set_sea(view, world)
@@ -531,7 +532,7 @@ class Renderer:
             self._targets[lens] = Target(self._context, lens, self._samples)
         return self._targets[lens]
 
-    def _set_light(self, world: Surroundings, exposure: float) -> None:
+    def _set_light(self, world: DrawnWorld, exposure: float) -> None:
         light, wind = world.light, float(np.hypot(*world.wind_ne_mps))
         sea_light = light.sky + light.sun * max(-float(light.sun_ned[2]), 0.0)
         values = np.array(
@@ -547,7 +548,7 @@ class Renderer:
         )
         self._light.write(values.tobytes())
 
-    def _draw_sky_map(self, world: Surroundings, exposure: float) -> None:
+    def _draw_sky_map(self, world: DrawnWorld, exposure: float) -> None:
         light = world.light
         wanted = (
             exposure,
@@ -570,7 +571,7 @@ class Renderer:
         self._sky_map.use(0)
         self._sky_values.use(9)
 
-    def _set_sea(self, view: View, world: Surroundings) -> None:
+    def _set_sea(self, view: Viewpoint, world: DrawnWorld) -> None:
         """Load the components with their phases at the camera, those with the most height first."""
         rows = np.zeros((MOST_COMPONENTS, 4), float32)
         count = 0
@@ -593,7 +594,7 @@ class Renderer:
                 water_temperature=WATER_C,
             )
 
-    def _draw_shadows(self, view: View, world: Surroundings) -> None:
+    def _draw_shadows(self, view: Viewpoint, world: DrawnWorld) -> None:
         """Draw the depth of what does not move as the sun sees it, around the camera.
 
         It is drawn again when the camera has moved by `SHADOW_STEP_M`, or the sun by a tenth of a degree.
@@ -619,13 +620,13 @@ class Renderer:
         if float(world.light.sun.max()) > 0.02:
             self._context.enable_only(self._context.DEPTH_TEST)
             still = [placed for placed in world.placed if placed.model in self._still]
-            self._draw_models("shadow", to_shadow, View(middle_m, view.rot_ned_optical), still)
+            self._draw_models("shadow", to_shadow, Viewpoint(middle_m, view.rot_ned_optical), still)
         self._to_shadow = to_shadow.copy()
         self._to_shadow[2] *= 0.5
         self._to_shadow[2, 3] += 0.5
         self._draw_shadows(view, world)
 
-    def _draw_foam(self, view: View, world: Surroundings) -> None:
+    def _draw_foam(self, view: Viewpoint, world: DrawnWorld) -> None:
         self._foam_frame.use()
         self._foam_frame.clear()
         self._context.enable_only(self._context.BLEND)
@@ -644,7 +645,7 @@ class Renderer:
         self._foam.use(5)
         self._write("water", foam_frame=corner)  # its edge has no foam, so that there is none beyond
 
-    def _draw_mirrored(self, target: Target, to_clip: Array, view: View, world: Surroundings) -> None:
+    def _draw_mirrored(self, target: Target, to_clip: Array, view: Viewpoint, world: DrawnWorld) -> None:
         still_m = world.water_down_m - view.pos_ned_m[2]
         flip = np.diag([1.0, 1.0, -1.0, 1.0])
         flip[2, 3] = 2.0 * still_m
@@ -664,8 +665,8 @@ class Renderer:
         self,
         program: str,
         to_clip: Array,
-        view: View,
-        drawn: Sequence[Placed],
+        view: Viewpoint,
+        drawn: Sequence[PlacedModel],
         keep: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
         px_per_rad: float = math.inf,
     ) -> None:
@@ -682,7 +683,7 @@ class Renderer:
                 loaded.arrays[program].render_indirect(loaded.commands, count=len(rows))
 
     def _draw_water(
-        self, program: str, to_clip: Array, rotation: Array, face: Face, view: View, world: Surroundings
+        self, program: str, to_clip: Array, rotation: Array, face: ViewFace, view: Viewpoint, world: DrawnWorld
     ) -> None:
         """Draw a fan of rings over the directions that the face sees."""
         height_m = abs(world.water_down_m - view.pos_ned_m[2])
@@ -699,7 +700,13 @@ class Renderer:
             used.release()
 
     def _through_lens(
-        self, target: Target, number: int, face: Face, response: Response, rows: tuple[int, int] | None, summed: bool
+        self,
+        target: Target,
+        number: int,
+        face: ViewFace,
+        response: ImageResponse,
+        rows: tuple[int, int] | None,
+        summed: bool,
     ) -> None:
         """Write the pixels of a face, in some rows, into the image. number: of the face."""
         context, lens = self._context, target.lens
@@ -790,7 +797,7 @@ def fan(
     return vertices.reshape(-1, 4), quads.ravel().astype(np.uint32)
 
 
-def _unresolved_variance(world: Surroundings, wind_mps: float) -> float:
+def _unresolved_variance(world: DrawnWorld, wind_mps: float) -> float:
     """Return the variance of the slopes of the waves that are too short to be components.
 
     Cox and Munk 1954: the mean square slope of a sea is 0.003 + 0.00512 times the wind at 12.5 m.

@@ -20,8 +20,8 @@ from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from xitl_cli.plugins.cameras.detector import Detector
 from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
-from xitl_cli.plugins.cameras.models import Model, WorldObject
-from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, Renderer, Response, Shot
+from xitl_cli.plugins.cameras.models import TriangleModel, WorldObject
+from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, ImageResponse, Renderer, Shot
 from xitl_cli.registry import DETECTORS, load
 
 THERMAL_NOISE_C = 0.05
@@ -55,16 +55,18 @@ class Commission:
     """One, or several whose mean is the image: exposures within its time, each with its rows."""
     middle: Shot
     """At the time stamp, for ground truth, depth, segmentation and thermal images."""
-    response: Response
+    response: ImageResponse
     objects: tuple[tuple[str, int], ...]
-    """Model and number of the first object of each placed model."""
+    """TriangleModel and number of the first object of each placed model."""
     noise_seed: int = 0
 
 
 class Studio:
     """Takes images with the cameras of one vessel. models: by name, for the renderer. still: those that never move."""
 
-    def __init__(self, cameras: Sequence[CameraSpec], models: Mapping[str, Model], still: Collection[str] = ()) -> None:
+    def __init__(
+        self, cameras: Sequence[CameraSpec], models: Mapping[str, TriangleModel], still: Collection[str] = ()
+    ) -> None:
         self._cameras = {camera.name: camera for camera in cameras}
         self._lenses = {camera.name: lens_of(camera) for camera in cameras}
         self._detectors: dict[str, Detector] = {
@@ -80,7 +82,7 @@ class Studio:
         """Name of the renderer."""
         return self._renderer.device
 
-    def add(self, name: str, model: Model) -> None:
+    def add(self, name: str, model: TriangleModel) -> None:
         """Add a model."""
         self._models[name] = model
         self._renderer.add(name, model)
