@@ -1,7 +1,8 @@
 """The process that draws the images of a run's cameras.
 
 `python -m xitl_cli.plugins.cameras.process PIPE`: number of an inherited socket. Messages to it are pickled:
-StudioStart, (name, TriangleModel), Commission. Its messages are JSON: {"device": …} or {"problem": …}, then one for each image.
+StudioStart, (name, TriangleModel), Commission. Its messages are JSON: {"device": …} or {"problem": …}, then one for
+each image.
 """
 
 from __future__ import annotations
