@@ -26,35 +26,35 @@ PROC = Path("/proc")
 def end_marked(mark: str) -> int:
     """End every process with this mark in its environment. Return their number."""
     end_all = _end_all if PROC.is_dir() else _end_all_by_psutil
-    total = 0
-    for _ in range(3):  # processes may start meanwhile
-        ended = end_all(mark)
-        total += ended
-        if not ended:
+    ended: set[int] = set()
+    for _ in range(3):  # processes may start meanwhile, and one that ends is seen for some time
+        found = end_all(mark)
+        ended |= found
+        if not found:
             break
-    return total
+    return len(ended)
 
 
-def _end_all(mark: str) -> int:
-    wanted, ended = f"{MARK}={mark}".encode(), 0
+def _end_all(mark: str) -> set[int]:
+    wanted, ended = f"{MARK}={mark}".encode(), set[int]()
     for name in os.listdir(PROC):  # noqa: PTH208
         if name.isdigit() and int(name) != os.getpid() and _environment_has(int(name), wanted):
             with contextlib.suppress(OSError):
                 os.kill(int(name), signal.SIGKILL)
-                ended += 1
+                ended.add(int(name))
     return ended
 
 
-def _end_all_by_psutil(mark: str) -> int:
+def _end_all_by_psutil(mark: str) -> set[int]:
     import psutil  # type: ignore[import-untyped]
 
-    ended = 0
+    ended: set[int] = set()
     for process in psutil.process_iter(["environ", "status"]):  # other users' processes have no environ
         marked = (process.info["environ"] or {}).get(MARK) == mark and process.pid != os.getpid()
         if marked and process.info["status"] != psutil.STATUS_ZOMBIE:
             with contextlib.suppress(psutil.Error):
                 process.kill()
-                ended += 1
+                ended.add(process.pid)
     return ended
 
 

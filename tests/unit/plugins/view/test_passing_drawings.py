@@ -69,7 +69,7 @@ def test_a_recording_shows_the_latest_of_each_name(tmp_path: Path) -> None:
 
 def test_a_live_view_is_given_the_latest_drawing(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.mcap", "lz4")
-    nothing: Any = SimpleNamespace(vessel="")
+    nothing: Any = SimpleNamespace(vessel="", sensors=None)
     watch = VesselWatch(nothing, nothing, nothing, nothing, lambda: nothing)
     watch.begin(SimpleNamespace(recorder=recorder))  # type: ignore[arg-type]
     for second in (2, 3):
