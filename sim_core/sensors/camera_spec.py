@@ -83,7 +83,7 @@ class ExposureSpec(Specification):
 class CameraSpec(Specification):
     """A camera; roll, pitch and yaw turn its axis from straight ahead."""
 
-    name: Annotated[str, "part of its topics, `/camera/NAME/image`"] = "front"
+    name: Annotated[str, "part of its topics, `/cameras/NAME/image`"] = "front"
     kind: Annotated[
         Literal["colour", "depth", "segmentation", "thermal"],
         "depth: metres along the optical axis; segmentation: class of each pixel; thermal: temperature",

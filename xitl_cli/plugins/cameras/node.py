@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, timedelta
+from heapq import heappop, heappush
 from itertools import pairwise
 from typing import Any
 
@@ -116,14 +117,17 @@ class CameraNode(RunNode):
         self._lockstep = profile.clock.mode == "lockstep"
         self._cameras = {camera.name: self._mounted(camera) for camera in keys}
         self._blurs = any(camera.window_ns for camera in self._cameras.values())
-        self.sense_every = 1 if self._blurs else math.gcd(*(camera.every for camera in self._cameras.values()))
+        steps = [
+            (camera.every, round(camera.latency_ns * 1e-9 * self._physics_hz)) for camera in self._cameras.values()
+        ]
+        self.sense_every = 1 if self._blurs else math.gcd(*chain.from_iterable(steps))
         self._sun_start = None if profile.environment.start_utc is None else instant_utc(profile.environment.start_utc)
         self._poses: deque[Pose] = deque()
         self._wake: deque[tuple[int, Array, float, float]] = deque()
         """Time, place, heading and speed of the vessel on its way."""
-        self._due: deque[tuple[int, Mounted]] = deque()
+        self._due: list[tuple[int, int, str]] = []
+        """Heap of the images under way: when they are due, their tickets, their cameras."""
         self._light: tuple[int, Daylight] | None = None
-        self._bodies = 0
         self._listeners: list[Callable[[CameraImage], None]] = []
         self._problems: list[str] = []
         self._models: dict[str, TriangleModel] = {}
@@ -189,7 +193,7 @@ class CameraNode(RunNode):
     def end(self) -> None:
         """Record the images that are still under way."""
         while self._due:
-            self._hand_over(self._due.popleft()[1])
+            self._hand_over(*heappop(self._due)[1:])
         for camera in self._cameras.values():
             camera.counts.unfinished += len(camera.exposing)
             camera.exposing.clear()
@@ -271,7 +275,7 @@ class CameraNode(RunNode):
         light = middle.world.light
         grain_at = camera.rng.integers(0, 512, 2).tolist()
         placed = [(one.model, one.first_id) for one in middle.world.placed]
-        self._studio.submit(
+        ticket = self._studio.submit(
             Commission(
                 camera=camera.keys.name,
                 number=number,
@@ -289,7 +293,7 @@ class CameraNode(RunNode):
                 noise_seed=int(camera.rng.integers(1 << 62)),
             )
         )
-        self._due.append((stamp_ns + max(camera.latency_ns, camera.window_ns), camera))
+        heappush(self._due, (stamp_ns + max(camera.latency_ns, camera.window_ns), ticket, camera.keys.name))
 
     def _shots(self, camera: Mounted, stamp_ns: int) -> tuple[Shot, tuple[Shot, ...]]:
         """Return the shot at the time stamp, and those that together make the image: rows by time, each with blur."""
@@ -425,15 +429,17 @@ class CameraNode(RunNode):
     def _deliver(self, now_ns: int) -> None:
         """Record the images whose latency is over. In real time, those that are not ready are late."""
         while self._due and self._due[0][0] <= now_ns:
-            if not self._lockstep and not self._studio.ready():
+            due_ns, ticket, name = self._due[0]
+            if not self._lockstep and not self._studio.ready(ticket):
                 return
-            due_ns, camera = self._due.popleft()
+            heappop(self._due)
             if not self._lockstep and now_ns > due_ns + 1e9 * self.sense_every / self._physics_hz:
-                camera.counts.late += 1
-            self._hand_over(camera)
+                self._cameras[name].counts.late += 1
+            self._hand_over(ticket, name)
 
-    def _hand_over(self, camera: Mounted) -> None:
-        image = self._studio.collect(decode=bool(self._listeners))
+    def _hand_over(self, ticket: int, name: str) -> None:
+        camera = self._cameras[name]
+        image = self._studio.collect(ticket, decode=bool(self._listeners))
         if image is None:
             camera.counts.skipped += 1
             return

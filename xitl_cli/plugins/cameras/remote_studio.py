@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -55,8 +54,10 @@ class RemoteStudio:
         self._cameras = {camera.name: camera for camera in cameras}
         self._on_problem = on_problem
         self._process = SideProcess("xitl_cli.plugins.cameras.process", self._lose, END_S)
-        self._taken: deque[dict[str, Any]] = deque()
-        self._submitted: deque[Commission] = deque()
+        self._submitted: dict[int, Commission] = {}
+        self._taken: dict[int, dict[str, Any]] = {}
+        """Images that have arrived, by ticket."""
+        self._tickets = self._arrived = 0
         self.figures = StudioFigures()
 
     def start(self, models: Mapping[str, TriangleModel], still: Collection[str]) -> None:
@@ -77,26 +78,28 @@ class RemoteStudio:
         """Add a model before images that show it."""
         self._process.send((name, model))
 
-    def submit(self, commission: Commission) -> None:
-        """Ask for an image."""
-        self._submitted.append(commission)
+    def submit(self, commission: Commission) -> int:
+        """Ask for an image. Return its ticket; a later image has a larger one."""
+        self._tickets += 1
+        self._submitted[self._tickets] = commission
         self._process.send(commission)
+        return self._tickets
 
-    def ready(self) -> bool:
-        """Whether the next image can be collected without waiting."""
-        if not self._taken:
+    def ready(self, ticket: int) -> bool:
+        """Whether an image can be collected without waiting."""
+        if ticket not in self._taken:
             self._keep(self._process.receive())
-        return bool(self._taken) or self._process.gone
+        return ticket in self._taken or self._process.gone
 
-    def collect(self, decode: bool) -> CameraImage | None:
-        """Wait for the next image and return it; None when the process has ended.
+    def collect(self, ticket: int, decode: bool) -> CameraImage | None:
+        """Wait for an image and return it; None when the process has ended.
 
         decode: also the pixels of JPEG and PNG; otherwise the image has none.
         """
-        while not self._taken and not self._process.gone:
+        while ticket not in self._taken and not self._process.gone:
             self._keep(self._process.receive(PATIENCE_S))
-        commission = self._submitted.popleft()
-        return self._image(self._taken.popleft(), commission, decode) if self._taken else None
+        commission, taken = self._submitted.pop(ticket), self._taken.pop(ticket, None)
+        return None if taken is None else self._image(taken, commission, decode)
 
     def close(self) -> None:
         """End the process."""
@@ -112,7 +115,8 @@ class RemoteStudio:
     def _keep(self, messages: Sequence[dict[str, Any]]) -> None:
         for message in messages:
             self.figures.processor_ms_per_image = message["processor_ms"]
-            self._taken.append(message["image"])
+            self._arrived += 1  # in the order of the tickets
+            self._taken[self._arrived] = message["image"]
 
     def _image(self, sent: dict[str, Any], commission: Commission, decode: bool) -> CameraImage:
         camera, view = self._cameras[commission.camera], commission.middle.view
