@@ -117,10 +117,9 @@ class CameraNode(RunNode):
         self._lockstep = profile.clock.mode == "lockstep"
         self._cameras = {camera.name: self._mounted(camera) for camera in keys}
         self._blurs = any(camera.window_ns for camera in self._cameras.values())
-        steps = [
-            (camera.every, round(camera.latency_ns * 1e-9 * self._physics_hz)) for camera in self._cameras.values()
-        ]
-        self.sense_every = 1 if self._blurs else math.gcd(*chain.from_iterable(steps))
+        periods = [camera.every for camera in self._cameras.values()]
+        delays = [round(camera.latency_ns * 1e-9 * self._physics_hz) for camera in self._cameras.values()]
+        self.sense_every = 1 if self._blurs else math.gcd(*periods, *delays)
         self._sun_start = None if profile.environment.start_utc is None else instant_utc(profile.environment.start_utc)
         self._poses: deque[Pose] = deque()
         self._wake: deque[tuple[int, Array, float, float]] = deque()
