@@ -1,0 +1,63 @@
+"""The detector by colour, and the score of detectors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.random import default_rng
+
+from sim_core.sensors.camera_spec import CameraSpec
+from xitl_cli.plugins.cameras.detector import ColourDetector, DetectorScore, covered
+from xitl_cli.plugins.cameras.images import Box, Detection, ObjectClass, SeenObject
+from xitl_cli.plugins.cameras.studio import lens_of
+
+CAMERA = CameraSpec(width_px=320, height_px=240)
+
+
+def seen(box: Box, kind: ObjectClass = ObjectClass.BOOM, pixels: int = 500) -> SeenObject:
+    return SeenObject("one", kind, box, pixels, 10.0, (0.0, 0.0, 10.0), (1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+
+
+def river() -> np.ndarray:
+    """Grey sky over brown water with noise."""
+    image = np.empty((240, 320, 3))
+    image[:120], image[120:] = (180.0, 190.0, 200.0), (80.0, 75.0, 60.0)
+    return np.clip(image + default_rng(1).normal(0.0, 3.0, image.shape), 0, 255).astype(np.uint8)
+
+
+def test_an_orange_line_on_the_water_is_a_boom() -> None:
+    image = river()
+    image[150:160, 96:240] = (225, 95, 25)
+    found = [one for one in ColourDetector(CAMERA, lens_of(CAMERA)).detect(image) if one.label == "boom"]
+    boxes = [one.box_px for one in found]
+    assert covered((95.5, 149.5, 239.5, 159.5), boxes) > 0.95
+    assert min(left for left, _, _, _ in boxes) >= 94.0
+    assert max(bottom for _, _, _, bottom in boxes) <= 162.0
+
+
+def test_a_body_of_another_colour_is_debris() -> None:
+    image = river()
+    image[190:205, 60:110] = (60, 150, 50)
+    found = ColourDetector(CAMERA, lens_of(CAMERA)).detect(image)
+    assert [one.label for one in found] == ["debris"]
+    assert covered(found[0].box_px, [(59.5, 189.5, 109.5, 204.5)]) > 0.6
+
+
+def test_empty_water_has_nothing() -> None:
+    assert not ColourDetector(CAMERA, lens_of(CAMERA)).detect(river())
+
+
+def test_the_covered_share_counts_each_pixel_once() -> None:
+    assert covered((-0.5, -0.5, 9.5, 9.5), [(-0.5, -0.5, 4.5, 9.5), (2.5, -0.5, 6.5, 9.5)]) == pytest.approx(0.7)
+    assert covered((-0.5, -0.5, 9.5, 9.5), []) == 0.0
+
+
+def test_the_score_counts_detections_and_objects() -> None:
+    score = DetectorScore()
+    right, half, elsewhere = (0.0, 0.0, 10.0, 10.0), (8.0, 0.0, 20.0, 10.0), (100.0, 0.0, 110.0, 10.0)
+    found = [Detection("boom", box, 1.0) for box in (right, elsewhere)]
+    truth = [seen(right), seen(half), seen((200.0, 0.0, 202.0, 2.0), pixels=4), seen(right, ObjectClass.VESSEL)]
+    score.add(found, truth)
+    report = score.report()
+    assert report["boom"] == {"detections": 2, "objects": 2, "precision": 0.5, "recall": 0.5}
+    assert report["vessel"] == {"detections": 0, "objects": 1, "precision": None, "recall": 0.0}
