@@ -62,10 +62,15 @@ class LogHealth:
     undecoded: Mapping[str, tuple[int, str]] = field(default_factory=dict)
     """Rows that cannot be decoded, by type or topic, with the reason."""
 
+    gaps: tuple[str, ...] = ()
+    """A sentence for each gap: files of a split recording that are missing."""
+
     @property
     def degraded(self) -> bool:
         """Whether written data is missing or in doubt."""
         doubts = self.damaged, self.lost_bytes, self.suspect, self.truncated_bytes, self.unclosed, self.replaced_stamps
+        if self.gaps:
+            return True
         return any(doubts)
 
     def as_json(self) -> dict[str, Any]:
