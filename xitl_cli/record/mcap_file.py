@@ -71,8 +71,8 @@ class McapFile:
     later messages are dropped. Raises UserError also when the file cannot be created.
 
     mirrors: get the same channels and payloads. split: continue in a next file at these limits. Each file is closed
-    with its index before the next begins. It has the schemas, channels, attachments and metadata so far, and begins with
-    the messages given to `repeat`, stamped with its beginning.
+    with its index before the next begins. The next has all schemas, channels, attachments and metadata so far. It
+    begins with the messages given to `repeat`, stamped with its beginning.
     """
 
     def __init__(
@@ -263,9 +263,9 @@ class McapFile:
 
         def log_and_split(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
             size = MESSAGE_BYTES + len(payload)
-            if stamp_ns >= self._from_ns + longest_ns or 0 < self._message_bytes > most_bytes - size:
-                if not self._refused_once:
-                    self._begin_next(stamp_ns, limits)
+            is_full = 0 < self._message_bytes > most_bytes - size
+            if (is_full or stamp_ns >= self._from_ns + longest_ns) and not self._refused_once:
+                self._begin_next(stamp_ns, limits)
             self._message_bytes += size
             log(payload, stamp_ns, sent_ns)
 

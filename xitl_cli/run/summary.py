@@ -186,7 +186,7 @@ def _head(
 
 
 def _file_section(file: RecordedFile) -> dict[str, Any]:
-    spans = {"from_s": file.from_ns * 1e-9, "until_s": file.until_ns * 1e-9}
+    spans = {"from_s": file.from_ns / 1e9, "until_s": file.until_ns / 1e9}
     return {"file": file.file, "size_bytes": file.size_bytes, **spans}
 
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
-from itertools import groupby, islice
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -134,14 +134,11 @@ class RecordingSet(JoinedLog):
 
     def frame_tables(self, topic: str) -> Mapping[str, Table]:
         if topic not in self._frames:
-            having = [
-                (part, begin) for part, begin in zip(self._files, self._begins, strict=True) if topic in part.tables
-            ]
+            having = [number for number, part in enumerate(self._files) if topic in part.tables]
             if not having:
                 raise KeyError(topic)
-            self._frames[topic] = joined_tables(
-                [part.frame_tables(topic) for part, _ in having], [begin for _, begin in having]
-            )
+            frames = [self._files[number].frame_tables(topic) for number in having]
+            self._frames[topic] = joined_tables(frames, [self._begins[number] for number in having])
         return self._frames[topic]
 
 
@@ -167,10 +164,13 @@ def _repeated_rows(part: McapLog) -> dict[str, int]:
 def _gap_sentences(parts: Mapping[int, McapLog], absent: Mapping[int, str]) -> Iterator[str]:
     """A sentence for each gap."""
     first = parts[1].path
-    for _, together in groupby(
-        sorted(absent), key=lambda number: (number - sorted(absent).index(number), absent[number])
-    ):
-        numbers = list(together)
+    gaps: list[list[int]] = []
+    for number in sorted(absent):
+        if gaps and gaps[-1][-1] == number - 1 and absent[number] == absent[number - 1]:
+            gaps[-1].append(number)
+        else:
+            gaps.append([number])
+    for numbers in gaps:
         why = absent[numbers[0]]
         names = part_name(first, numbers[0])
         if len(numbers) > 1:
