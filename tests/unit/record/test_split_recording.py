@@ -12,7 +12,6 @@ import pytest
 from foxglove import messages
 from mcap.reader import make_reader
 from mcap.records import Channel, Message
-from mcap.writer import Writer
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
@@ -210,22 +209,31 @@ def test_each_gap_is_named_in_one_sentence(tmp_path: Path) -> None:
     with open_log(tmp_path) as log:
         assert log.health.degraded
         assert log.health.gaps == (
-            "run-003.mcap to run-004.mcap are missing: no data from 9.0 s to 20.0 s; copy all files of the run",
-            "run-006.mcap is missing: no data from 24.0 s to 30.0 s; copy all files of the run",
-            "run-008.mcap is missing: no data from 34.0 s on; copy all files of the run",
+            "run-003.mcap to run-004.mcap are missing: no data from 9.0 s to 20.0 s; copy all files of the run again",
+            "run-006.mcap is missing: no data from 24.0 s to 30.0 s; copy all files of the run again",
+            "run-008.mcap is missing: no data from 34.0 s on; copy all files of the run again",
         )
         assert sorted(set(log["/truth/fix"]["altitude"] // 5)) == [0, 1, 4, 6]
+
+
+def test_a_file_without_any_byte_is_named(tmp_path: Path) -> None:
+    write(tmp_path / "run.mcap", BY_TIME)
+    (tmp_path / "run-004.mcap").write_bytes(b"")
+    with open_log(tmp_path) as log:
+        assert log.health.gaps == ("run-004.mcap is empty: no data from 29.0 s on; copy all files of the run again",)
+    (tmp_path / "run-002.mcap").write_bytes(b"not a recording")
+    with open_log(tmp_path) as log:
+        assert log.health.gaps[0].startswith("run-002.mcap cannot be read (")
+        assert "no data from 9.0 s to 20.0 s" in log.health.gaps[0]
 
 
 def test_files_of_another_run_or_name_do_not_join(tmp_path: Path) -> None:
     write(tmp_path / "run.mcap", BY_TIME)
     shutil.copy(tmp_path / "run-002.mcap", tmp_path / "run-005.mcap")
-    with (tmp_path / "run-006.mcap").open("wb") as stream:
-        writer = Writer(stream)
-        writer.start("xitl", "xitl")
-        writer.add_metadata("xitl", {"profile": "other", "seed": "2"})
-        writer.add_metadata("xitl_split", {"number": "6", "from_ns": "0", "repeated": "{}"})
-        writer.finish()
+    other = McapFile(tmp_path / "run-006.mcap")
+    other.metadata("xitl", {"profile": "other", "seed": "2"})
+    other.metadata("xitl_split", {"number": "6", "from_ns": "0", "repeated": "{}"})
+    other.close()
     with open_log(tmp_path) as log:
         assert log.facts["files"] == "4"
         assert not log.health.degraded

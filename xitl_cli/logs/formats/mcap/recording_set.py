@@ -34,6 +34,9 @@ def whole_recording(log: McapLog) -> Log:
         opened.enter_context(log)
         found: dict[int, McapLog | str] = {1: log}
         for number, path in _numbered(log.path).items():
+            if not path.stat().st_size:  # killed at its beginning
+                found[number] = "is empty"
+                continue
             try:
                 part = McapLog(path, log.vessel)
             except LogError as error:
@@ -179,4 +182,4 @@ def _gap_sentences(parts: Mapping[int, McapLog], absent: Mapping[int, str]) -> I
         before = max((span[1] for n, part in parts.items() if n < numbers[0] and (span := part.span_ns)), default=0)
         after = min((span[0] for n, part in parts.items() if n > numbers[-1] and (span := part.span_ns)), default=None)
         until = "" if after is None else f" to {after * 1e-9:.1f} s"
-        yield f"{names} {why}: no data from {before * 1e-9:.1f} s{until or ' on'}; copy all files of the run"
+        yield f"{names} {why}: no data from {before * 1e-9:.1f} s{until or ' on'}; copy all files of the run again"
