@@ -17,7 +17,6 @@ from typing import Any, Protocol
 
 from xitl_cli.errors import UserError
 from xitl_cli.record.mcap_writer import MESSAGE_BYTES, ChunkMessage, ChunkWriter, message_record
-from xitl_cli.record.splitting import NEXT_RECORD, SPLIT_RECORD, RecordedFile, SplitLimits, part_path
 
 FLUSH_INTERVAL_S = 1.0
 CHUNK_BYTES = 1 << 20
@@ -28,6 +27,8 @@ return, a reader of one such topic reads 67 % and 15 % of the bytes rather than 
 real time, but with twice as many chunks, and their number sets the time to open a long recording.
 """
 _NO_CHANNEL = 0
+SPLIT_RECORD, NEXT_RECORD = "xitl_split", "xitl_split_next"
+"""Metadata at the beginning of each file of a set, and at the end of each file that another one follows."""
 
 
 class RecordingError(UserError):
@@ -47,6 +48,33 @@ class PayloadWriter(Protocol):
     """Writes one payload, received at `stamp_ns` and sent at `sent_ns` (None: the same instant)."""
 
     def __call__(self, payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class SplitLimits:
+    """When the next file of a set begins. None: no such limit."""
+
+    message_bytes: int | None = None
+    """Bytes of the messages of a file before compression, which a seed repeats."""
+    time_ns: int | None = None
+    """Simulation time from the beginning of a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFile:
+    """A finished file of a set."""
+
+    file: str
+    size_bytes: int
+    from_ns: int
+    """Earliest stamp."""
+    until_ns: int
+    """Latest stamp."""
+
+
+def part_path(first: Path, number: int) -> Path:
+    """Path of a file of the set that begins with the file `first`: run.mcap, run-002.mcap, run-003.mcap."""
+    return first if number == 1 else first.with_name(f"{first.stem}-{number:03d}{first.suffix}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from sim_core import frames
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
-from xitl_cli.record.mcap_file import McapFile, PayloadWriter
-from xitl_cli.record.splitting import RecordedFile, scene_changes
+from xitl_cli.record.mcap_file import McapFile, PayloadWriter, RecordedFile
 from xitl_cli.record.topics import (
     ESTIMATE_FRAME,
     LIDAR_POINT,
@@ -355,6 +354,8 @@ class Recorder:
         """Write surroundings to draw from an instant on; an entity replaces an earlier one with its frame and id."""
         self._topics.write(SCENE, stamp_ns, update)
         if self._file.is_split:
+            from xitl_cli.record.scene_changes import scene_changes
+
             for change in scene_changes(update.encode()):
                 self._topics.repeat(SCENE, change.key, stamp_ns, change.update)
 

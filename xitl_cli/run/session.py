@@ -24,9 +24,8 @@ from xitl_cli.errors import UserError
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.mcap_file import ChannelMirror, McapFile
+from xitl_cli.record.mcap_file import ChannelMirror, McapFile, SplitLimits
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.splitting import SplitLimits
 from xitl_cli.run.composition.parts import Parts, Place
 from xitl_cli.run.composition.setup import RunSetup, VesselSetup, is_awaited
 from xitl_cli.run.composition.vessel import link_names, vessel_parts

@@ -9,7 +9,7 @@ from typing import Any
 from agent import __version__
 from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.splitting import RecordedFile
+from xitl_cli.record.mcap_file import RecordedFile
 from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import Ending, task_section
 from xitl_cli.run.run_graph import graph_section

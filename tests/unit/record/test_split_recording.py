@@ -17,10 +17,10 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
 from xitl_cli.logs.export.repair import repair_log
 from xitl_cli.logs.formats.mcap.recording_set import RecordingSet
-from xitl_cli.record.mcap_file import McapFile, RecordingError
+from xitl_cli.record.mcap_file import McapFile, RecordingError, SplitLimits
 from xitl_cli.record.mcap_writer import MESSAGE_BYTES
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.splitting import SceneChange, SplitLimits, scene_changes
+from xitl_cli.record.scene_changes import SceneChange, scene_changes
 from xitl_cli.record.topics import SeaComponents
 
 SECOND_NS = 1_000_000_000

@@ -19,10 +19,10 @@ from urllib.parse import quote
 import numpy as np
 
 from xitl_cli.logs.formats.bag.bag import BagLog, BagTopic
-from xitl_cli.logs.formats.joined import JoinedLog
 from xitl_cli.logs.formats.mcap.container import PayloadBatch, join_payloads
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.joined import JoinedLog
 from xitl_cli.logs.model.log import Format, Log
 
 _ROWS_AT_ONCE = 1000

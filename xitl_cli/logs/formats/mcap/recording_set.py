@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.logs.formats.joined import JoinedLog, joined_tables
 from xitl_cli.logs.formats.mcap.file import OUR_RECORD, McapLog, Tables
 from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.joined import JoinedLog, joined_tables
 from xitl_cli.logs.model.log import Log, LogHealth
 from xitl_cli.logs.model.table import Selection, Table
 

@@ -1,13 +1,9 @@
-"""Splitting of a recording into a set of files (`recording.split`), and what each later file repeats."""
+"""The changes of a scene in an encoded foxglove.SceneUpdate, which later files of a split recording repeat."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-
-SPLIT_RECORD, NEXT_RECORD = "xitl_split", "xitl_split_next"
-"""Metadata at the beginning of each file of a set, and at the end of each file that another one follows."""
 
 _FRAME, _ID, _LIFETIME = 2, 3, 4
 """Fields of foxglove.SceneEntity."""
@@ -15,33 +11,6 @@ _DELETIONS, _ENTITIES = 1, 2
 """Fields of foxglove.SceneUpdate."""
 _DELETION_TYPE, _DELETION_ID = 2, 3
 """Fields of foxglove.SceneEntityDeletion. The type is 1 for all entities, else 0 or absent."""
-
-
-@dataclass(frozen=True, slots=True)
-class SplitLimits:
-    """When the next file of a set begins. None: no such limit."""
-
-    message_bytes: int | None = None
-    """Bytes of the messages of a file before compression, which a seed repeats."""
-    time_ns: int | None = None
-    """Simulation time from the beginning of a file."""
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedFile:
-    """A finished file of a set."""
-
-    file: str
-    size_bytes: int
-    from_ns: int
-    """Earliest stamp."""
-    until_ns: int
-    """Latest stamp."""
-
-
-def part_path(first: Path, number: int) -> Path:
-    """Path of a file of the set that begins with the file `first`: run.mcap, run-002.mcap, run-003.mcap."""
-    return first if number == 1 else first.with_name(f"{first.stem}-{number:03d}{first.suffix}")
 
 
 @dataclass(frozen=True, slots=True)
