@@ -102,6 +102,17 @@ class Losses:
         return LogHealth(size_bytes, records, **{**losses, "damage": tuple(self.damage), **counts})
 
 
+@dataclass(frozen=True, slots=True)
+class LogFile:
+    """A file of a log."""
+
+    path: Path
+    from_ns: int = 0
+    """Stamp of its repeated messages."""
+    repeated: Mapping[str, int] = field(default_factory=dict)
+    """Messages with this stamp at the beginning of each topic that earlier files of the log have too."""
+
+
 class Log(ABC):
     """An open log. Close it, or use it in a `with`; its tables cannot be read afterwards.
 
@@ -143,6 +154,11 @@ class Log(ABC):
     @abstractmethod
     def facts(self) -> Mapping[str, str]:
         """Facts that the format itself contains (library, profile, seed …), for `xitl logs info`."""
+
+    @property
+    def files(self) -> tuple[LogFile, ...]:
+        """Its files in order: several for a split recording."""
+        return (LogFile(self.path),)
 
     @property
     def vessels(self) -> tuple[str, ...]:
@@ -278,6 +294,10 @@ class LogView(Log):
     @property
     def facts(self) -> Mapping[str, str]:
         return self.inner.facts
+
+    @property
+    def files(self) -> tuple[LogFile, ...]:
+        return self.inner.files
 
     @property
     def vessels(self) -> tuple[str, ...]:

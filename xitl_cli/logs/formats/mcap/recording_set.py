@@ -15,7 +15,7 @@ import numpy as np
 from xitl_cli.logs.formats.mcap.file import OUR_RECORD, McapLog, Tables
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.joined import JoinedLog, joined_tables
-from xitl_cli.logs.model.log import Log, LogHealth
+from xitl_cli.logs.model.log import Log, LogFile, LogHealth
 from xitl_cli.logs.model.table import Selection, Table
 
 SPLIT_RECORD, NEXT_RECORD = "xitl_split", "xitl_split_next"
@@ -83,22 +83,23 @@ class RecordingSet(JoinedLog):
     """
 
     def __init__(self, parts: Mapping[int, McapLog], absent: Mapping[int, str], opened: ExitStack) -> None:
-        self._files = tuple(parts.values())
-        self._first = self._files[0]
+        self._mcaps = tuple(parts.values())
+        self._first = self._mcaps[0]
         self._gaps = tuple(_gap_sentences(parts, absent))
-        super().__init__(self._first.path, self._files, (), opened)
-        begins = [number << 44 for number in range(len(self._files))]
+        super().__init__(self._first.path, self._mcaps, (), opened)
+        begins = [number << 44 for number in range(len(self._mcaps))]
         self._begins = begins
-        self._repeated = [_repeated_rows(part) for part in self._files]
+        self._listed = tuple(map(_file_of, self._mcaps))
+        self._repeated = [_repeated_rows(*pair) for pair in zip(self._mcaps, self._listed, strict=True)]
         shown = [
             {
                 name: table if not (rows := repeated.get(name)) else Selection(table, slice(rows, None))
                 for name, table in part.tables.items()
                 if part.tables[name].indexed_rows > repeated.get(name, 0)
             }
-            for part, repeated in zip(self._files, self._repeated, strict=True)
+            for part, repeated in zip(self._mcaps, self._repeated, strict=True)
         ]
-        framed = frozenset(topic for part in self._files for topic in part.framed)
+        framed = frozenset(topic for part in self._mcaps for topic in part.framed)
         self._shown = Tables(joined_tables(shown, begins), framed, self.frame_tables, {})
         self._frames: dict[str, Mapping[str, Table]] = {}
         self._opened = opened.pop_all()
@@ -106,7 +107,11 @@ class RecordingSet(JoinedLog):
     @property
     def parts(self) -> tuple[McapLog, ...]:
         """The files, in their order."""
-        return self._files
+        return self._mcaps
+
+    @property
+    def files(self) -> tuple[LogFile, ...]:
+        return self._listed
 
     @property
     def tables(self) -> Mapping[str, Table]:
@@ -128,38 +133,41 @@ class RecordingSet(JoinedLog):
 
     @property
     def facts(self) -> Mapping[str, str]:
-        chunks = sum(int(part.facts.get("chunks", 0)) for part in self._files)
+        chunks = sum(int(part.facts.get("chunks", 0)) for part in self._mcaps)
         return {**super().facts, "chunks": str(chunks)}
 
     def payloads(self, topic: str) -> Iterator[bytes]:
-        for part, repeated in zip(self._files, self._repeated, strict=True):
+        for part, repeated in zip(self._mcaps, self._repeated, strict=True):
             yield from islice(part.payloads(topic), repeated.get(topic, 0), None)
 
     def frame_tables(self, topic: str) -> Mapping[str, Table]:
         if topic not in self._frames:
-            having = [number for number, part in enumerate(self._files) if topic in part.tables]
+            having = [number for number, part in enumerate(self._mcaps) if topic in part.tables]
             if not having:
                 raise KeyError(topic)
-            frames = [self._files[number].frame_tables(topic) for number in having]
+            frames = [self._mcaps[number].frame_tables(topic) for number in having]
             self._frames[topic] = joined_tables(frames, [self._begins[number] for number in having])
         return self._frames[topic]
 
 
-def _repeated_rows(part: McapLog) -> dict[str, int]:
-    """Number of messages at the beginning of each topic that repeat messages of earlier files."""
+def _file_of(part: McapLog) -> LogFile:
     about = part.metadata(SPLIT_RECORD)
     try:
-        from_ns = int(about["from_ns"])
-        listed = {str(topic): int(rows) for topic, rows in json.loads(about.get("repeated", "{}")).items()}
+        listed = {str(topic): int(rows) for topic, rows in json.loads(about["repeated"]).items() if int(rows) > 0}
+        return LogFile(part.path, int(about["from_ns"]), listed)
     except (KeyError, ValueError, AttributeError, TypeError):
-        return {}
+        return LogFile(part.path)
+
+
+def _repeated_rows(part: McapLog, file: LogFile) -> dict[str, int]:
+    """Number of rows at the beginning of each table that repeat messages of earlier files."""
     repeated = {}
-    for topic, rows in listed.items():
+    for topic, rows in file.repeated.items():
         name = part.shown(topic)
-        if name is None or rows <= 0 or name not in part.tables:
+        if name is None or name not in part.tables:
             continue
         # A file that was cut off or damaged may have lost some of them.
-        others = np.flatnonzero(part.tables[name].stamp_ns[:rows] != from_ns)
+        others = np.flatnonzero(part.tables[name].stamp_ns[:rows] != file.from_ns)
         repeated[name] = int(others[0]) if len(others) else min(rows, len(part.tables[name]))
     return repeated
 
