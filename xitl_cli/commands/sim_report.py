@@ -36,6 +36,8 @@ def show_result(console: Console, result: Result, verbose: bool = False) -> None
             _show_all(console, summary)
     files = (directory.RECORDING, directory.SUMMARY, directory.PROFILE, *_MORE)
     contents = [name for name in files if (result.directory / name).exists()]
+    if others := len(directory.next_recordings(result.directory)):
+        contents.insert(1, f"{plural(others, 'more file')} of the recording")
     if "vessels" in summary:
         contents.append(f"{plural(len(summary['vessels']), 'folder')} of its vessels")
     console.print(f"{result.directory}/: {', '.join(contents)}", soft_wrap=True)

@@ -7,14 +7,16 @@ of raising an error. foxglove-sdk makes the well-known messages.
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from xitl_cli.errors import UserError
-from xitl_cli.record.mcap_writer import ChunkMessage, ChunkWriter, message_record
+from xitl_cli.record.mcap_writer import MESSAGE_BYTES, ChunkMessage, ChunkWriter, message_record
 
 FLUSH_INTERVAL_S = 1.0
 CHUNK_BYTES = 1 << 20
@@ -25,6 +27,8 @@ return, a reader of one such topic reads 67 % and 15 % of the bytes rather than 
 real time, but with twice as many chunks, and their number sets the time to open a long recording.
 """
 _NO_CHANNEL = 0
+SPLIT_RECORD, NEXT_RECORD = "xitl_split", "xitl_split_next"
+"""Metadata at the beginning of each file of a set, and at the end of each file that another one follows."""
 
 
 class RecordingError(UserError):
@@ -46,6 +50,41 @@ class PayloadWriter(Protocol):
     def __call__(self, payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None: ...
 
 
+@dataclass(frozen=True, slots=True)
+class SplitLimits:
+    """When the next file of a set begins. None: no such limit."""
+
+    message_bytes: int | None = None
+    """Bytes of the messages of a file before compression, which a seed repeats."""
+    time_ns: int | None = None
+    """Simulation time from the beginning of a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFile:
+    """A finished file of a set."""
+
+    file: str
+    size_bytes: int
+    from_ns: int
+    """Earliest stamp."""
+    until_ns: int
+    """Latest stamp."""
+
+
+def part_path(first: Path, number: int) -> Path:
+    """Path of a file of the set that begins with the file `first`: run.mcap, run-002.mcap, run-003.mcap."""
+    return first if number == 1 else first.with_name(f"{first.stem}-{number:03d}{first.suffix}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """A message that the next file of a set repeats."""
+
+    payload: bytes
+    stamp_ns: int
+
+
 class McapFile:
     """Writes `path`, chunked and compressed.
 
@@ -59,7 +98,9 @@ class McapFile:
     The file on disk always ends with a whole chunk, also when the disk refuses a write. That raises UserError once, and
     later messages are dropped. Raises UserError also when the file cannot be created.
 
-    mirrors: get the same channels and payloads.
+    mirrors: get the same channels and payloads. split: continue in a next file at these limits. Each file is closed
+    with its index before the next begins. The next has all schemas, channels, attachments and metadata so far. It
+    begins with the messages given to `repeat`, stamped with its beginning.
     """
 
     def __init__(
@@ -68,8 +109,17 @@ class McapFile:
         compression: str = "lz4",
         now_s: Callable[[], float] = time.monotonic,
         mirrors: Sequence[ChannelMirror] = (),
+        split: SplitLimits | None = None,
     ) -> None:
-        self.path = path
+        self.path = self._first_path = path
+        self._compression = compression
+        self._split = split
+        self._finished: list[RecordedFile] = []
+        self._head: list[Callable[[ChunkWriter], None]] = []
+        self._repeats: dict[str, dict[tuple[str, ...], _Kept]] = {}
+        self._numbers: dict[str, int] = {}
+        """Channels by topic."""
+        self._from_ns = self._message_bytes = 0
         self._mirrors = tuple(mirrors)
         self._now_s = now_s
         self._flushed_s = now_s()
@@ -87,6 +137,33 @@ class McapFile:
             ) from error
         self._writer = ChunkWriter(self._file, compression)
         self._whole_bytes = self._file.tell()
+        if split is not None:
+            self._guarded(self._writer.metadata, SPLIT_RECORD, {"number": "1", "from_ns": "0", "repeated": "{}"})
+
+    @property
+    def is_split(self) -> bool:
+        """Whether the recording continues in further files at its limits."""
+        return self._split is not None
+
+    @property
+    def files(self) -> tuple[RecordedFile, ...]:
+        """The closed files of a split recording, in order."""
+        return tuple(self._finished)
+
+    def repeat(self, topic: str, key: tuple[str, ...], payload: bytes | None, stamp_ns: int) -> None:
+        """Begin each next file with this message of a topic, until another one has its key. None: no longer.
+
+        A key with an empty first text ends the repetition of all keys with the same rest, and () of all keys.
+        """
+        kept = self._repeats.setdefault(topic, {})
+        kept.pop(key, None)
+        if payload is not None:
+            kept[key] = _Kept(payload, stamp_ns)
+        elif not key:
+            kept.clear()
+        elif not key[0]:
+            for other in [other for other in kept if other[1:] == key[1:]]:
+                del kept[other]
 
     def ros_channel(self, topic: str, schema_name: str, definition: str, kind: str = "") -> PayloadWriter:
         """Return a writer of ROS 2 CDR payloads."""
@@ -100,10 +177,14 @@ class McapFile:
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Store a file inside the recording."""
         self._guarded(self._writer.attach, name, media_type, data)
+        if self._split is not None:
+            self._head.append(lambda writer: writer.attach(name, media_type, data))
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Store named texts inside the recording."""
         self._guarded(self._writer.metadata, name, values)
+        if self._split is not None:
+            self._head.append(lambda writer: writer.metadata(name, values))
 
     def flush_if_due(self) -> None:
         """Write the kept messages and pass them to the operating system once a second."""
@@ -118,12 +199,58 @@ class McapFile:
             self._write_kept(everything=True)
             self._guarded(self._writer.finish)
         finally:
+            was_open = not self._file.closed
             try:
                 self._file.close()
             except OSError:  # the rest of the buffer cannot be written either, but the file is closed
                 self._refused_once = True
             if self._refused_once and self.path.is_file():
                 os.truncate(self.path, min(self._whole_bytes, self.path.stat().st_size))
+            if self._split is not None and was_open and self.path.is_file():
+                self._note_finished()
+
+    def _note_finished(self) -> None:
+        from_ns, until_ns = self._writer.span_ns
+        self._finished.append(RecordedFile(self.path.name, self.path.stat().st_size, from_ns, until_ns))
+
+    def _begin_next(self, stamp_ns: int, limits: SplitLimits) -> None:
+        """Close the file and continue in the next one, which begins at a message of `stamp_ns`."""
+        self._write_kept(everything=True)
+        number = len(self._finished) + 2
+        path = part_path(self._first_path, number)
+        self._guarded(self._writer.metadata, NEXT_RECORD, {"file": path.name})
+        self._guarded(self._writer.finish)
+        try:
+            self._file.close()
+            self._note_finished()
+            self._file = path.open("xb")
+        except OSError as error:
+            self._refused_once = True
+            raise RecordingError(
+                f"{path}: the next file of the recording cannot be created ({error.strerror}); free space or choose "
+                "another directory with --out, and run again"
+            ) from error
+        length_ns = stamp_ns - self._from_ns
+        by_time = limits.time_ns is not None and length_ns >= limits.time_ns
+        self._from_ns = stamp_ns - (length_ns % limits.time_ns if by_time and limits.time_ns else 0)
+        self.path, self._message_bytes = path, 0
+        self._writer = ChunkWriter(self._file, self._compression, like=self._writer)
+        self._whole_bytes = self._file.tell()
+        repeats = {topic: tuple(kept.values()) for topic, kept in self._repeats.items() if kept}
+        about = {
+            "number": str(number),
+            "from_ns": str(stamp_ns),
+            "repeated": json.dumps({topic: len(kept) for topic, kept in repeats.items()}),
+        }
+        self._guarded(self._writer.metadata, SPLIT_RECORD, about)
+        for write in self._head:
+            self._guarded(write, self._writer)
+        for topic, kept in repeats.items():
+            channel = self._numbers[topic]
+            self._kept += [
+                (channel, stamp_ns, message_record(channel, stamp_ns, one.payload, one.stamp_ns)) for one in kept
+            ]
+        self._filled_bytes = sum(len(record) for _, _, record in self._kept)
 
     def _channel(
         self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes, kind: str
@@ -133,7 +260,7 @@ class McapFile:
         kind = kind or topic
         if kind not in self._schemas:
             self._schemas[kind] = self._writer.register_schema(schema_name, schema_encoding, definition)
-        channel = self._writer.register_channel(topic, encoding, self._schemas[kind])
+        channel = self._numbers[topic] = self._writer.register_channel(topic, encoding, self._schemas[kind])
 
         def log(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
             if self._refused_once:
@@ -144,17 +271,33 @@ class McapFile:
             if self._filled_bytes >= CHUNK_BYTES:
                 self._write_kept(everything=False)
 
+        write = log if self._split is None else self._splitting(log, self._split)
         described = topic, encoding, schema_name, schema_encoding, definition
         wanted = [show for mirror in self._mirrors if (show := mirror.open_channel(*described)) is not None]
         if not wanted:
-            return self._channels.setdefault(topic, log)
+            return self._channels.setdefault(topic, write)
 
         def log_and_show(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
-            log(payload, stamp_ns, sent_ns)
+            write(payload, stamp_ns, sent_ns)
             for show in wanted:
                 show(payload, stamp_ns)
 
         return self._channels.setdefault(topic, log_and_show)
+
+    def _splitting(self, log: PayloadWriter, limits: SplitLimits) -> PayloadWriter:
+        """Return `log` with the beginning of a next file in front of the message that reaches a limit."""
+        most_bytes = float("inf") if limits.message_bytes is None else limits.message_bytes
+        longest_ns = float("inf") if limits.time_ns is None else limits.time_ns
+
+        def log_and_split(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
+            size = MESSAGE_BYTES + len(payload)
+            is_full = 0 < self._message_bytes > most_bytes - size
+            if (is_full or stamp_ns >= self._from_ns + longest_ns) and not self._refused_once:
+                self._begin_next(stamp_ns, limits)
+            self._message_bytes += size
+            log(payload, stamp_ns, sent_ns)
+
+        return log_and_split
 
     def _write_kept(self, everything: bool) -> None:
         """Write chunks of channels with enough data for one.

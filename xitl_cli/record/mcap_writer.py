@@ -56,14 +56,19 @@ def message_record(channel: int, log_ns: int, payload: bytes, publish_ns: int) -
 
 
 class ChunkWriter:
-    """Writes an MCAP file to `stream`, from its start. Every method passes on errors of the stream."""
+    """Writes an MCAP file to `stream`, from its start. Every method passes on errors of the stream.
 
-    def __init__(self, stream: BinaryIO, compression: str) -> None:
+    like: a writer whose schemas and channels this file has from its start, with the same numbers.
+    """
+
+    def __init__(self, stream: BinaryIO, compression: str, like: ChunkWriter | None = None) -> None:
         self._stream = stream
         self._compression, self._compressed = COMPRESSIONS[compression]
         self._definitions = RecordBuilder()  # schemas and channels for the start of the next chunk
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: list[Schema] = [] if like is None else [*like._schemas]
+        self._channels: list[Channel] = [] if like is None else [*like._channels]
+        for record in (*self._schemas, *self._channels):
+            record.write(self._definitions)
         self._counts: Counter[int] = Counter()
         self._chunks: list[ChunkIndex] = []
         self._attachments: list[AttachmentIndex] = []
@@ -150,18 +155,27 @@ class ChunkWriter:
         )
         self._stream.write(b"".join([packed, *indices]))
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Earliest and latest log time of the written chunks; zeros without a chunk."""
+        return (
+            min((chunk.message_start_time for chunk in self._chunks), default=0),
+            max((chunk.message_end_time for chunk in self._chunks), default=0),
+        )
+
     def finish(self) -> None:
         """Write the end of the data and the summary section with the indexes."""
         self._stream.write(_packed(DataEnd(0)))
         start = self._stream.tell()
+        start_ns, end_ns = self.span_ns
         statistics = Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
             chunk_count=len(self._chunks),
             message_count=self._counts.total(),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
+            message_end_time=end_ns,
+            message_start_time=start_ns,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )

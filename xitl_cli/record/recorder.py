@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from sim_core import frames
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
-from xitl_cli.record.mcap_file import McapFile, PayloadWriter
+from xitl_cli.record.mcap_file import McapFile, PayloadWriter, RecordedFile
 from xitl_cli.record.topics import (
     ESTIMATE_FRAME,
     LIDAR_POINT,
@@ -55,6 +55,8 @@ Intensity = NDArray[np.uint8]
 Channel = tuple[Callable[..., bytes], PayloadWriter]
 """Encodes a stamp and one value for each field; writes the payload."""
 
+SCENE, WAVES = "/scene", "/environment/waves"
+"""Topics whose newest values a viewer needs."""
 _UNKNOWN = tuple(np.diag([UNKNOWN_VARIANCE] * 6).ravel().tolist())
 _NO_ROTATION = (0.0, 0.0, 0.0)
 _FLU = np.array([1.0, -1.0, -1.0], dtype=np.float32)
@@ -109,6 +111,10 @@ class TopicWriter:
         """Write a ROS 2 message, one value for each field, or a foxglove message."""
         encode, write = self._channels.get(topic) or self._open(self._added.get(topic) or TOPICS[topic])
         write(encode(stamp_ns, *values), stamp_ns)
+
+    def repeat(self, topic: str, key: tuple[str, ...], stamp_ns: int, payload: bytes | None) -> None:
+        """Begin each next file of a split recording with this written message, see `McapFile.repeat`."""
+        self._file.repeat(topic_name(TOPICS[topic], self._vessel), key, payload, stamp_ns)
 
     def add(self, topic: Topic) -> None:
         """One more topic. Raises UserError for a topic that cannot be added."""
@@ -253,6 +259,9 @@ class Recorder:
             name = type(record).__name__
             raise TypeError(f"no topic has the record {name}; add its topic to `topics` of the NodeKind") from None
         self._topics.write(topic, stamp_ns, *values(record))
+        if topic == WAVES:
+            payload = TOPICS[WAVES].message_type().encode(stamp_ns, *values(record))
+            self._topics.repeat(WAVES, (WAVES,), stamp_ns, payload)
 
     def add_topic(self, topic: Topic) -> None:
         """Record one more topic, of a plug-in. Its records are written by `write` or, of foxglove's, by `message`.
@@ -343,7 +352,12 @@ class Recorder:
 
     def scene(self, update: messages.SceneUpdate, stamp_ns: int = 0) -> None:
         """Write surroundings to draw from an instant on; an entity replaces an earlier one with its frame and id."""
-        self._topics.write("/scene", stamp_ns, update)
+        self._topics.write(SCENE, stamp_ns, update)
+        if self._file.is_split:
+            from xitl_cli.record.scene_changes import scene_changes
+
+            for change in scene_changes(update.encode()):
+                self._topics.repeat(SCENE, change.key, stamp_ns, change.update)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Store a file inside the recording."""
@@ -356,6 +370,11 @@ class Recorder:
     def flush_if_due(self) -> None:
         """Pass the recorded data to the operating system about once a second."""
         self._file.flush_if_due()
+
+    @property
+    def files(self) -> tuple[RecordedFile, ...]:
+        """The closed files of a split recording, in order."""
+        return self._file.files
 
     def close(self) -> None:
         """Write the index and close."""
@@ -459,7 +478,11 @@ class PerceptionRecorder:
         """Write the true pose of the body when the odometry began: (3,), (4,). Tools then draw the map in its place."""
         position = frames.ned_to_enu(np.asarray(pos_ned_m, dtype=np.float64)).tolist()
         attitude = frames.quat_ned_frd_to_enu_flu(np.asarray(quat_ned_frd, dtype=np.float64)).tolist()
-        self._topics.transform(stamp_ns, self._topics.frame(ODOM_FRAME), position, attitude)
+        frame = self._topics.frame(ODOM_FRAME)
+        self._topics.transform(stamp_ns, frame, position, attitude)
+        w, x, y, z = attitude
+        placed = transform_message(stamp_ns, frame, [*position, x, y, z, w])
+        self._topics.repeat(TRANSFORM, (frame,), stamp_ns, placed.encode())
 
     def odometry(self, stamp_ns: int, pose_odom: Array, vel_frd_mps: Array) -> None:
         """Write a pose (4, 4) of the odometry, body FRD to FRD at its start, and the velocity (3,) in the body."""

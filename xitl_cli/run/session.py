@@ -25,7 +25,7 @@ from xitl_cli.extras import PERCEPTION
 from xitl_cli.logs.model.recording_schema import RECORD, SCHEMA_KEY, SCHEMA_VERSION
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.mcap_file import ChannelMirror, McapFile
+from xitl_cli.record.mcap_file import ChannelMirror, McapFile, SplitLimits
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.composition.parts import Parts, Place
 from xitl_cli.run.composition.setup import RunSetup, VesselSetup, is_awaited
@@ -84,7 +84,7 @@ class Result:
 
     @property
     def recording(self) -> Path:
-        """The MCAP file with every topic."""
+        """The MCAP file with every topic; the first file of a split recording."""
         return self.directory / directory.RECORDING
 
     def open_log(self, vessel: str | None = None) -> Log:
@@ -263,12 +263,22 @@ def open_recorders(
     mirrors: receivers of each recorded message.
     """
     lead = profiles[0]
-    file = McapFile(path, lead.recording.compression, mirrors=mirrors)
+    file = McapFile(path, lead.recording.compression, mirrors=mirrors, split=_split_limits(lead))
     if not lead.vessel:
         recorder = Recorder(file, links=link_names(lead))
         return recorder, {"": recorder}
     vessels = {profile.vessel: Recorder(file, links=link_names(profile), vessel=profile.vessel) for profile in profiles}
     return Recorder(file, from_start=False), vessels
+
+
+def _split_limits(lead: RunProfile) -> SplitLimits | None:
+    split = lead.recording.split
+    if split is None or (split.size_mb is None and split.time_s is None):
+        return None
+    return SplitLimits(
+        message_bytes=None if split.size_mb is None else round(split.size_mb * 1e6),
+        time_ns=None if split.time_s is None else round(split.time_s * 1e9),
+    )
 
 
 def _execute(
@@ -328,6 +338,7 @@ def _execute(
         wall_s=wall_s,
         completed=loop.completed,
         why_numpy=plant.simulation.why_numpy,
+        files=recorder.files,
         vessels=tuple(
             VesselOutcome(vessel.awaited, vessel.control.progress.completed, view.held_s, loop.losses.get(vessel.name))
             for vessel, view in zip(nodes.vessels, plant.vessels, strict=True)

@@ -9,6 +9,7 @@ from typing import Any
 from agent import __version__
 from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.mcap_file import RecordedFile
 from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import Ending, task_section
 from xitl_cli.run.run_graph import graph_section
@@ -50,6 +51,8 @@ class RunOutcome:
     """Reason why the physics ran in numpy; None if it ran compiled."""
     timed: bool = False
     """The user gave the duration, so a run that reaches it has done what was asked."""
+    files: tuple[RecordedFile, ...] = ()
+    """Files of a split recording."""
 
     @property
     def held_s(self) -> float:
@@ -178,7 +181,13 @@ def _head(
         "physics": {"compiled": outcome.why_numpy is None, "why_numpy": outcome.why_numpy},
         "wall_s": outcome.wall_s,
         "real_time_factor": outcome.duration_s / outcome.wall_s if outcome.wall_s > 0 else None,
+        **({"recording": [_file_section(file) for file in outcome.files]} if outcome.files else {}),
     }
+
+
+def _file_section(file: RecordedFile) -> dict[str, Any]:
+    spans = {"from_s": file.from_ns / 1e9, "until_s": file.until_ns / 1e9}
+    return {"file": file.file, "size_bytes": file.size_bytes, **spans}
 
 
 def _driver(profile: RunProfile, vessel: VesselOutcome) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from xitl_cli.logs.export.files import make_directory, part_of, refuse_present
 from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.formats.mcap.recording_set import RecordingSet
 from xitl_cli.logs.formats.mcap.rewrite import Rewritten
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log, LogHealth
@@ -51,9 +52,13 @@ class RepairResult:
 def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
     """Write all readable data of a recording to `out`, by default next to it as `<name>-repaired.mcap`.
 
+    Of a split recording, it is the damaged file, and the other files stay.
+
     Raises LogError for other formats, for a recording without readable data, for an unwritable path and for an existing
     file.
     """
+    if isinstance(log, RecordingSet):
+        log = _damaged_part(log)
     if not isinstance(log, McapLog):
         kinds = {"dataflash": "a DataFlash log", "tlog": "a telemetry log"}
         kind = kinds.get(log.format, "a bag of ROS")
@@ -73,3 +78,16 @@ def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
     with part_of(path, overwrite) as part, part.open("xb") as file:
         written = log.rewrite(file)
     return RepairResult(log.path, path, written, log.health)
+
+
+def _damaged_part(log: RecordingSet) -> McapLog:
+    """The damaged file of a split recording; the first file if all are whole. Raises LogError for several."""
+    damaged = [part for part in log.parts if not part.examine()]
+    if len(damaged) > 1:
+        later = [part.path for part in damaged if part is not log.parts[0]]
+        named = ", ".join(part.path.name for part in damaged)
+        raise LogError(
+            f"{log.path}: {named} of this split recording are damaged; repair them one by one: first "
+            f"`xitl logs repair {later[0]}`, and put the repaired file in its place"
+        )
+    return damaged[0] if damaged else log.parts[0]

@@ -44,7 +44,8 @@ _WANTED = "choose a DataFlash .bin, an .ulg of PX4, a .tlog, an .mcap or a bag o
 def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     """Open the log at `path`. A damaged log opens too: `health` reports its losses.
 
-    path: for the directory of a run, its recording is opened.
+    path: for the directory of a run, its recording is opened. The first file of a split recording opens all its files
+    as one log. A later file opens alone.
 
     vessel: for a recording or bag of several vessels, the vessel to show, with topics named as for a single vessel.
     None: all topics have the names in the file. "": the first vessel. Logs of other formats always have one vessel.
@@ -61,14 +62,15 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     try:
         if head.startswith(_MCAP_MAGIC):
             from xitl_cli.logs.formats.mcap.file import McapLog
+            from xitl_cli.logs.formats.mcap.recording_set import whole_recording
 
             log = McapLog(path)
             if log.base != "simulation":
                 return _of_vessel(log, vessel)
             if vessel is None or not (vessel or log.vessels):
-                return log
+                return whole_recording(log)
             log.close()
-            return McapLog(path, vessel or log.vessels[0])
+            return whole_recording(McapLog(path, vessel or log.vessels[0]))
         if head.startswith((_ROS1_BAG_MAGIC, _SQLITE_MAGIC)):
             return _of_vessel(_bag(path, head), vessel)
         if head.startswith(_ULOG_MAGIC):

@@ -62,10 +62,15 @@ class LogHealth:
     undecoded: Mapping[str, tuple[int, str]] = field(default_factory=dict)
     """Rows that cannot be decoded, by type or topic, with the reason."""
 
+    gaps: tuple[str, ...] = ()
+    """A sentence for each gap: files of a split recording that are missing."""
+
     @property
     def degraded(self) -> bool:
         """Whether written data is missing or in doubt."""
         doubts = self.damaged, self.lost_bytes, self.suspect, self.truncated_bytes, self.unclosed, self.replaced_stamps
+        if self.gaps:
+            return True
         return any(doubts)
 
     def as_json(self) -> dict[str, Any]:
@@ -95,6 +100,17 @@ class Losses:
         """These losses as LogHealth. counts: further fields of LogHealth that the reader knows."""
         losses = {loss.name: getattr(self, loss.name) for loss in fields(self)}
         return LogHealth(size_bytes, records, **{**losses, "damage": tuple(self.damage), **counts})
+
+
+@dataclass(frozen=True, slots=True)
+class LogFile:
+    """A file of a log."""
+
+    path: Path
+    from_ns: int = 0
+    """Stamp of its repeated messages."""
+    repeated: Mapping[str, int] = field(default_factory=dict)
+    """Messages with this stamp at the beginning of each topic that earlier files of the log have too."""
 
 
 class Log(ABC):
@@ -138,6 +154,11 @@ class Log(ABC):
     @abstractmethod
     def facts(self) -> Mapping[str, str]:
         """Facts that the format itself contains (library, profile, seed …), for `xitl logs info`."""
+
+    @property
+    def files(self) -> tuple[LogFile, ...]:
+        """Its files in order: several for a split recording."""
+        return (LogFile(self.path),)
 
     @property
     def vessels(self) -> tuple[str, ...]:
@@ -273,6 +294,10 @@ class LogView(Log):
     @property
     def facts(self) -> Mapping[str, str]:
         return self.inner.facts
+
+    @property
+    def files(self) -> tuple[LogFile, ...]:
+        return self.inner.files
 
     @property
     def vessels(self) -> tuple[str, ...]:

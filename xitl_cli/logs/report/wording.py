@@ -94,7 +94,7 @@ def loss_sentences(health: LogHealth) -> tuple[str, ...]:
     undecoded = (
         f"{name}: {plural(rows, 'row')} not decoded ({reason})" for name, (rows, reason) in health.undecoded.items()
     )
-    return (*(sentence for count, sentence in counts if count), *undecoded)
+    return (*health.gaps, *(sentence for count, sentence in counts if count), *undecoded)
 
 
 def severity_counts(severities: list[Severity]) -> str:

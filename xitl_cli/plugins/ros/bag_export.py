@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
@@ -25,7 +26,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.clocks.readings import in_utc, utc_offset
 from xitl_cli.logs.export.exporting import BagFormat, ExportResult, ExportSelection
 from xitl_cli.logs.export.mcap_export import TableMessages, type_names
-from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.log import Log, LogFile
 from xitl_cli.logs.model.query import merge_rows, rows_at_once
 from xitl_cli.logs.model.text import plural
 from xitl_cli.plugins.ros.conversion import RosConversion
@@ -116,8 +117,8 @@ def _write_messages(
     if profiles:
         conversion = RosConversion([profile for profile in profiles if log.vessel in ("", profile.vessel)])
         others = tuple(f"/{name}/" for name in log.vessels if log.vessel and name != log.vessel)
-        types = recorded_types(log.path)
-        messages = _recording_messages(log.path, conversion, types, wanted, others)
+        types = recorded_types(log.files)
+        messages = _recording_messages(log.files, conversion, types, wanted, others)
         about = "times count from the run's start, as in its /clock"
     else:
         rows = LogRows(log, wanted)
@@ -145,15 +146,19 @@ def _write_messages(
     return (bag.messages, bag.topics), about
 
 
-def recorded_types(path: Path) -> MessageTypes:
+def recorded_types(files: Sequence[LogFile]) -> MessageTypes:
     """Return the types of ROS, xitl, and the plug-ins whose topics are in a recording."""
     known = known_types().ros2.fielddefs
-    further = {name: text for name, text in ros_topics(path).values() if name not in known}
+    further = {name: text for name, text in ros_topics(files).values() if name not in known}
     return MessageTypes(further) if further else known_types()
 
 
 def _recording_messages(
-    path: Path, conversion: RosConversion, types: MessageTypes, wanted: ExportSelection, others: tuple[str, ...]
+    files: Sequence[LogFile],
+    conversion: RosConversion,
+    types: MessageTypes,
+    wanted: ExportSelection,
+    others: tuple[str, ...],
 ) -> Iterator[BagMessage]:
     """Yield messages. Latched messages are at the beginning, also of a later time span. others: prefixes of excluded
     topics.
@@ -166,7 +171,7 @@ def _recording_messages(
         for message in conversion.static()
     }
     begun = False
-    for topic, type_name, payload, stamp_ns in recorded_messages(path):
+    for topic, type_name, payload, stamp_ns in recorded_messages(files):
         if topic.startswith(others):
             continue
         if wanted.until_ns is not None and stamp_ns > wanted.until_ns:
@@ -186,14 +191,23 @@ def _recording_messages(
                 latched[message.topic.name, message.vessel] = converted
 
 
-def recorded_messages(path: Path) -> Iterator[tuple[str, str, bytes, int]]:
+def recorded_messages(files: Sequence[LogFile]) -> Iterator[tuple[str, str, bytes, int]]:
     """Yield topic, type (empty for other than ROS), payload and instant of each message, in the order of time."""
+    return heapq.merge(*map(_messages_of, files), key=itemgetter(3))
+
+
+def _messages_of(file: LogFile) -> Iterator[tuple[str, str, bytes, int]]:
+    """Yield the messages of one file, without those that repeat messages of earlier files."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
 
+    path, repeated = file.path, dict(file.repeated)
     try:
-        with path.open("rb") as file:
-            for schema, channel, message in make_reader(file).iter_messages():
+        with path.open("rb") as stream:
+            for schema, channel, message in make_reader(stream).iter_messages():
+                if message.log_time == file.from_ns and repeated.get(channel.topic, 0):
+                    repeated[channel.topic] -= 1
+                    continue
                 of_ros = schema is not None and channel.message_encoding == "cdr"
                 type_name = schema.name if of_ros and schema is not None else ""
                 yield channel.topic, type_name, message.data, message.log_time
@@ -207,7 +221,7 @@ class LogRows:
     def __init__(self, log: Log, wanted: ExportSelection) -> None:
         self._log, self._wanted = log, wanted
         names = type_names(table.name for table in wanted.tables)
-        self._unchanged = ros_topics(log.path) if log.format == "mcap" else {}
+        self._unchanged = ros_topics(log.files) if log.format == "mcap" else {}
         self._tables = {
             table.name: (
                 topic_token(table.name),
@@ -231,7 +245,7 @@ class LogRows:
     def _unchanged_messages(self) -> Iterator[BagMessage]:
         """Yield the ROS messages of the log."""
         wanted = {table.name for table in self._wanted.tables} & self._unchanged.keys()
-        for topic, _, payload, stamp_ns in recorded_messages(self._log.path) if wanted else ():
+        for topic, _, payload, stamp_ns in recorded_messages(self._log.files) if wanted else ():
             if topic in wanted and self._inside(stamp_ns):
                 at_ns = int(in_utc(np.array([stamp_ns]), self._utc)[0])
                 yield BagMessage(topic_token(topic), self._unchanged[topic][0], payload, at_ns, recorded=topic)
@@ -263,7 +277,7 @@ class LogRows:
                     yield BagMessage(topic, kind, payload, stamp_ns, recorded=tables[owner].name)
 
 
-def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
+def ros_topics(files: Sequence[LogFile]) -> dict[str, tuple[str, str]]:
     """Return type and definition of the CDR topics of an MCAP. Types that differ from those of ROS are omitted."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
@@ -272,13 +286,19 @@ def ros_topics(path: Path) -> dict[str, tuple[str, str]]:
 
     topics: dict[str, tuple[str, str]] = {}
     store = MessageTypes().ros2
+    summaries = []
     try:
-        with path.open("rb") as file:
-            summary = make_reader(file).get_summary()
+        for file in files:
+            with file.path.open("rb") as stream:
+                summaries.append(make_reader(stream).get_summary())
     except McapError:
         return {}
-    for channel in () if summary is None else summary.channels.values():
-        schema = summary.schemas.get(channel.schema_id) if summary is not None else None
+    for summary, channel in (
+        (one, channel) for one in summaries if one is not None for channel in one.channels.values()
+    ):
+        if channel.topic in topics:
+            continue
+        schema = summary.schemas.get(channel.schema_id)
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             continue
         name, text = normalize_msgtype(schema.name), schema.data.decode("utf-8", "replace")

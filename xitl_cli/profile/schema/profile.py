@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal
 
 from sim_core.environment.spec import EnvironmentSpec
-from sim_core.keys import Bounds, MoreChoices, Positive, RateHz, Seed, Specification
+from sim_core.keys import Bounds, IfGiven, MoreChoices, Positive, RateHz, Seed, Specification
 from sim_core.vessel.actuators import ActuatorSpec
 from sim_core.vessel.spec import VesselSpec
 from sim_core.world.spec import AIS_NAME, FLEET_MMSI, SCRIPTED_MMSI, AisSpec, TrafficSpec
@@ -143,6 +143,20 @@ class ClockSpec(Specification):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SplitSpec(Specification):
+    """When the recording continues in a next file: at the first limit that is reached."""
+
+    size_mb: Annotated[
+        float | None,
+        Bounds(at_least=0.1),
+        "largest size of a file's messages before compression, in 10^6 bytes; null: no such limit",
+    ] = None
+    time_s: Annotated[
+        float | None, Bounds(at_least=1), "simulation time from the beginning of a file; null: no such limit"
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingSpec(Specification):
     """Contents of the recording."""
 
@@ -150,6 +164,7 @@ class RecordingSpec(Specification):
     truth_rate_hz: RateHz = 50.0
     scene: Annotated[bool, "a drawing of the surroundings"] = True
     dataflash: Annotated[bool, "the autopilot's own log"] = True
+    split: Annotated[SplitSpec | None, "several files: [recording.md](recording.md#split-recordings)", IfGiven()] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

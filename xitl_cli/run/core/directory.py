@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -25,6 +26,8 @@ RESERVED_BYTES = 256 * 1024
 _OF_A_VESSEL = (DATAFLASH, ULOG, MISSION, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
 _FILES = (RECORDING, SUMMARY, PROFILE, *_OF_A_VESSEL)
 """A fleet has one folder for each vessel, with the files of that vessel."""
+_NEXT_RECORDING = re.compile(r"run-[0-9]{3,}\.mcap")
+"""Later files of a split recording."""
 
 
 def check_writable(path: Path) -> None:
@@ -63,7 +66,7 @@ def check_free(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> list
     for name in vessels:
         if _exists(path / name) and not _is_of_a_vessel(path / name):
             raise UserError(f"{path / name} contains files that are not of a vessel's run; choose another --out")
-    present = [name for name in _FILES if _exists(path / name)]
+    present = [name for name in _FILES if _exists(path / name)] + next_recordings(path)
     folders = set(vessels)
     if _exists(path / PROFILE):  # an earlier run, perhaps of other vessels
         folders |= {entry.name for entry in path.iterdir() if entry.name not in _FILES and _is_of_a_vessel(entry)}
@@ -73,6 +76,15 @@ def check_free(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> list
             f"{path} already contains a run ({', '.join(present)}); choose another --out or add --overwrite"
         )
     return present
+
+
+def next_recordings(path: Path) -> list[str]:
+    """Return the names of the later files of a split recording in the directory of a run, in order."""
+    try:
+        names = [entry.name for entry in path.iterdir() if _NEXT_RECORDING.fullmatch(entry.name)]
+    except OSError:
+        return []
+    return sorted(names, key=lambda name: (len(name), name))
 
 
 def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:

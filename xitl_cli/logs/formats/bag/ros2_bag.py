@@ -7,26 +7,23 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.bag.bag import BagLog, BagTopic
 from xitl_cli.logs.formats.mcap.container import PayloadBatch, join_payloads
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.log import Base, Format, Log, LogHealth, Losses
-from xitl_cli.logs.model.table import ALL, Column, Rows, Table
-from xitl_cli.logs.model.vessel_bag import namespaces_of_vessels
+from xitl_cli.logs.model.joined import JoinedLog
+from xitl_cli.logs.model.log import Format, Log
 
 _ROWS_AT_ONCE = 1000
 
@@ -187,7 +184,8 @@ def open_bag_folder(path: Path) -> Log:
         if not parts:
             named = ", ".join(absent) or "nothing"
             raise LogError(f"{path / METADATA}: lists {named}, but none of these files exists; copy the whole folder")
-        return JoinedLog(path, parts, absent, opened.pop_all())
+        notes = [f"{name} is missing, although {METADATA} lists it" for name in absent]
+        return JoinedLog(path, parts, notes, opened.pop_all())
     finally:
         opened.close()
 
@@ -203,141 +201,3 @@ def _unpacked_file(file: Path, opened: ExitStack) -> Path:
     except (zstandard.ZstdError, OSError) as error:
         raise LogError(f"{file}: cannot be unpacked ({error}); record the bag again") from error
     return unpacked
-
-
-class JoinedTable(Table):
-    """One topic of several files in sequence, with the columns that all of them have."""
-
-    def __init__(self, name: str, parts: Sequence[Table], begins: Sequence[int]) -> None:
-        self.name, self.instance = name, parts[0].instance
-        self._parts = parts
-        self._begins = begins
-
-    @cached_property
-    def columns(self) -> Mapping[str, Column]:
-        joined = dict[str, Column]()
-        for name, column in self._parts[0].columns.items():
-            others = [part.columns.get(name) for part in self._parts[1:]]
-            if all(other is not None and other.kind == column.kind for other in others):
-                alike = all(other is not None and other.shape == column.shape for other in others)
-                joined[name] = column if alike else Column(name, column.unit, column.raw_unit, column.kind, (-1,))
-        return joined
-
-    def __len__(self) -> int:
-        return sum(len(part) for part in self._parts)
-
-    @property
-    def indexed_rows(self) -> int:
-        return sum(part.indexed_rows for part in self._parts)
-
-    @cached_property
-    def stamp_ns(self) -> NDArray[np.int64]:
-        return np.concatenate([part.stamp_ns for part in self._parts])
-
-    @cached_property
-    def file_offset(self) -> NDArray[np.int64]:
-        return np.concatenate([part.file_offset + begin for part, begin in zip(self._parts, self._begins, strict=True)])
-
-    def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
-        described = self.columns[column]
-        wanted, order = np.unique(np.arange(len(self), dtype=np.intp)[rows], return_inverse=True)
-        blocks, first = list[NDArray[Any]](), 0
-        for part in self._parts:
-            mine = wanted[(wanted >= first) & (wanted < first + len(part))] - first
-            blocks.append(part.values(column, mine, raw=raw))
-            first += len(part)
-        if described.shape == (-1,):
-            width = max(block.shape[1] if block.ndim > 1 else 1 for block in blocks)
-            blocks = [_padded(block.reshape(len(block), -1), width) for block in blocks]
-        return np.concatenate(blocks)[order]
-
-
-def _padded(block: NDArray[Any], width: int) -> NDArray[np.float64]:
-    padded = np.full((len(block), width), np.nan)
-    padded[:, : block.shape[1]] = block
-    return padded
-
-
-class JoinedLog(Log):
-    """Several files of one bag as one log, in their order."""
-
-    def __init__(self, path: Path, parts: Sequence[Log], absent: Sequence[str], opened: ExitStack) -> None:
-        self.path = path
-        self.format: Format = parts[0].format
-        self._parts, self._absent, self._opened = parts, absent, opened
-        begins = [number << 44 for number in range(len(parts))]  # no offset in a part is larger, at any compression
-        having: dict[str, list[tuple[Table, int]]] = {}
-        for part, begin in zip(parts, begins, strict=True):
-            for name, table in part.tables.items():
-                having.setdefault(name, []).append((table, begin))
-        self._tables = {
-            name: JoinedTable(name, *zip(*tables, strict=True)) if len(tables) > 1 else tables[0][0]
-            for name, tables in sorted(having.items())
-        }
-
-    @property
-    def base(self) -> Base:
-        return self._parts[0].base
-
-    @property
-    def tables(self) -> Mapping[str, Table]:
-        return self._tables
-
-    @property
-    def rowless(self) -> Collection[str]:
-        return {name for part in self._parts for name in part.rowless} - self._tables.keys()
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        spans = [span for part in self._parts if (span := part.span_ns) is not None]
-        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
-
-    @property
-    def health(self) -> LogHealth:
-        every = [part.health for part in self._parts]
-        losses = Losses()
-        undecoded = dict[str, tuple[int, str]]()
-        for health in every:
-            losses.damaged += health.damaged
-            losses.damage += health.damage
-            losses.lost_bytes += health.lost_bytes
-            losses.suspect += health.suspect
-            losses.truncated_bytes += health.truncated_bytes
-            for name, (rows, why) in health.undecoded.items():
-                undecoded[name] = undecoded.get(name, (0, why))[0] + rows, why
-        for name in self._absent:
-            losses.note(0, 0, f"{name} is missing, although {METADATA} lists it")
-        return losses.health(
-            sum(health.size_bytes for health in every),
-            sum(health.records for health in every),
-            unclosed=any(health.unclosed for health in every),
-            back_in_time=sum(health.back_in_time for health in every),
-            redefined=sum(health.redefined for health in every),
-            undecoded=undecoded,
-        )
-
-    @property
-    def facts(self) -> Mapping[str, str]:
-        return {**self._parts[0].facts, "files": str(len(self._parts))}
-
-    @property
-    def vessels(self) -> tuple[str, ...]:
-        return tuple(namespaces_of_vessels([*self.tables, *self.rowless]))
-
-    @property
-    def closed(self) -> bool:
-        return all(part.closed for part in self._parts)
-
-    def attachment(self, name: str) -> bytes | None:
-        contents = (part.attachment(name) for part in self._parts)
-        return next((content for content in contents if content is not None), None)
-
-    def payloads(self, topic: str) -> Iterator[bytes]:
-        for part in self._parts:
-            yield from part.payloads(topic)
-
-    def frame_tables(self, topic: str) -> Mapping[str, Table]:
-        return self._parts[0].frame_tables(topic)
-
-    def close(self) -> None:
-        self._opened.close()

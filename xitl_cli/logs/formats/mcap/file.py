@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,7 @@ class McapLog(Log):
             )
         topics = self._topics()
         own_log = {LOG_TOPIC: SaidOfVessel(topics[LOG_TOPIC], self)} if self._vessel and LOG_TOPIC in topics else {}
-        self._tables = Tables(topics, self._frame_topics(), self.frame_tables, own_log)
+        self._tables = Tables(topics, self.framed, self.frame_tables, own_log)
         self._frames: dict[str, dict[str, Table]] = {}
         self._frames_left: dict[str, int] = {}
 
@@ -110,7 +110,7 @@ class McapLog(Log):
 
     @property
     def rowless(self) -> Collection[str]:
-        named = (self._shown(channel.topic) for channel in self._index.channels.values())
+        named = (self.shown(channel.topic) for channel in self._index.channels.values())
         return {name for name in named if name is not None} - self._tables.topics.keys()
 
     @property
@@ -124,7 +124,7 @@ class McapLog(Log):
     def vessel(self) -> str:
         return self._vessel
 
-    def _shown(self, topic: str) -> str | None:
+    def shown(self, topic: str) -> str | None:
         """Name of a topic in this view; None if it belongs to another vessel."""
         first, _, rest = topic.removeprefix("/").partition("/")
         if not self._vessel or first not in self.vessels:
@@ -168,6 +168,10 @@ class McapLog(Log):
                 return data if len(data) == attachment.size else None
         return None
 
+    def metadata(self, name: str) -> Mapping[str, str]:
+        """Texts of a metadata record; empty if there is none."""
+        return self._index.metadata.get(name, {})
+
     @property
     def closed(self) -> bool:
         return self._index.closed
@@ -197,7 +201,7 @@ class McapLog(Log):
             return known
         from xitl_cli.logs.formats.tlog.frames import frame_tables
 
-        if topic not in self._frame_topics():
+        if topic not in self.framed:
             raise KeyError(topic)
         table = self._tables.topics[topic]
         tables: dict[str, Table] = {}
@@ -215,21 +219,23 @@ class McapLog(Log):
         table = self._tables.topics.get(topic)
         return iter(()) if table is None else table.payloads()
 
-    def _frame_topics(self) -> frozenset[str]:
+    @cached_property
+    def framed(self) -> frozenset[str]:
+        """Topics of raw MAVLink frames."""
         index = self._index
         return frozenset(
             name
             for channel in index.channels.values()
             if (schema := index.schemas.get(channel.schema_id)) is not None
             and schema.name == FRAMES
-            and (name := self._shown(channel.topic)) is not None
+            and (name := self.shown(channel.topic)) is not None
         )
 
     def _topics(self) -> dict[str, TopicTable]:
         """A table for every topic and schema that has messages."""
         groups: dict[str, list[list[ChannelRecord]]] = {}
         for channel in self._index.channels.values():
-            name = self._shown(channel.topic)
+            name = self.shown(channel.topic)
             if name is not None and self._index.counts.get(channel.id):
                 alike = groups.setdefault(name, [])
                 same = next((group for group in alike if self._same(group[0], channel)), None)
@@ -288,13 +294,16 @@ class SaidOfVessel(Selection):
         return np.flatnonzero([speaker not in others for speaker in speakers])
 
 
-class Tables(Mapping[str, Table]):
+AnyTable = TypeVar("AnyTable", bound=Table)
+
+
+class Tables(Mapping[str, Table], Generic[AnyTable]):
     """Tables by topic, and by "topic:MESSAGE", which iterating omits. in_place: tables that replace those of their
     topics."""
 
     def __init__(
         self,
-        topics: dict[str, TopicTable],
+        topics: dict[str, AnyTable],
         framed: frozenset[str],
         frame_tables: Callable[[str], Mapping[str, Table]],
         in_place: Mapping[str, Table],
