@@ -5,15 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
 
-from agent.fcu.mavlink.channel import MavlinkChannel
-from agent.fcu.vehicle.autopilot import Autopilot
 from agent.wire import dialect as mav
-from agent.wire.codec import Packer, decode
 from tests.doubles.unreliable_line import VEHICLE, Address, ProtocolMachine
 
 MISSION, FENCE, ALL = 0, 1, 255
@@ -128,7 +124,7 @@ class MissionMachine(ProtocolMachine):
     task has begun at the vehicle is over.
     """
 
-    quiet_s = 4.0
+    quiet_s = 4.5
 
     def __init__(self) -> None:
         super().__init__()
