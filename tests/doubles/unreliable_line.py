@@ -7,7 +7,7 @@ import random
 from typing import Any, Protocol
 
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.vehicle.autopilot import Autopilot
@@ -17,13 +17,19 @@ VEHICLE = (1, 1)
 TICK_NS = 100_000_000
 LATEST_S = 0.4
 """Longest delay of a frame. A station that waits longer than this receives nothing from before."""
+QUIET_S = 2 * LATEST_S + 0.3
+"""Time after which no answer to a station is under way."""
 Address = tuple[int, int]
 
 
 class StationTask(Protocol):
-    """A task of one station. It repeats its requests and has no limit of attempts."""
+    """A task of one station. It repeats its requests and has no limit of attempts.
+
+    quiet_s: pause of the station after it, so that nothing of this task reaches the next one.
+    """
 
     done: bool
+    quiet_s: float
 
     def poll(self, now_ns: int) -> list[Any]: ...
 
@@ -32,6 +38,8 @@ class StationTask(Protocol):
 
 class StationRequest:
     """Repeats one request every `answer_s` until `is_answer`. A subclass begins the next request in `answered`."""
+
+    quiet_s = QUIET_S
 
     def __init__(self, answer_s: float = 0.5) -> None:
         self.done = False
@@ -73,8 +81,6 @@ class ProtocolMachine(RuleBasedStateMachine):
     """
 
     stations: tuple[Address, ...] = ((255, 190), (254, 190))
-    quiet_s = 2 * LATEST_S + 0.3
-    """Pause of a station before its next task, so that nothing of the last one is still under way."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -110,6 +116,10 @@ class ProtocolMachine(RuleBasedStateMachine):
     def set_weather(self, seed: int, lost: float, doubled: float, late_s: float) -> None:
         self._random = random.Random(seed)
         self._lost, self._doubled, self._late_s = lost, doubled, late_s
+
+    @initialize(seed=st.integers(0, 1 << 32), late_s=st.sampled_from([0.1, LATEST_S]))
+    def bad_weather(self, seed: int, late_s: float) -> None:
+        self.set_weather(seed, 0.2, 0.5, late_s)
 
     @rule(
         seed=st.integers(0, 1 << 32),
@@ -169,8 +179,8 @@ class ProtocolMachine(RuleBasedStateMachine):
         self.tasks[address] = task
 
     def leave(self, address: Address) -> None:
-        del self.tasks[address]
-        self._free_ns[address] = self.now_ns + round(self.quiet_s * 1e9)
+        task = self.tasks.pop(address)
+        self._free_ns[address] = self.now_ns + round(task.quiet_s * 1e9)
 
     def free(self) -> list[Address]:
         """Stations without a task."""
@@ -216,7 +226,7 @@ class ProtocolMachine(RuleBasedStateMachine):
                 break
             self._tick()
         assert not self.tasks
-        for _ in range(round(self.quiet_s * 1e9) // TICK_NS + 1):
+        for _ in range(60):
             self._tick()
 
 

@@ -12,12 +12,14 @@ from hypothesis.stateful import precondition, rule
 
 from agent.mavlink import ftp
 from agent.mavlink.ftp import DATA_BYTES, FtpPacket
+from agent.mavlink.ftp_server import IDLE_NS
 from agent.wire import dialect as mav
 from tests.doubles.ftp_vehicle import crc32
-from tests.doubles.unreliable_line import VEHICLE, ProtocolMachine, StationRequest
+from tests.doubles.unreliable_line import VEHICLE, Address, ProtocolMachine, StationRequest
 
 FOLDER = "/APM/LOGS"
 SIZES = (0, 1, DATA_BYTES, 3 * DATA_BYTES, 1000, 4000)
+MOST_FILES = 30
 BUSY = (ftp.INVALID_SESSION, ftp.NO_SESSION)
 
 
@@ -201,8 +203,11 @@ class FtpMachine(ProtocolMachine):
         self.disk = SlowDisk()
         self.channel.hub.logs = self.disk
         self.random = random.Random(3)
-        for number, size in enumerate(SIZES, start=1):
-            self.disk.contents[f"{number:08d}.BIN"] = self.random.randbytes(size)
+        for number in range(MOST_FILES):
+            self.disk.contents[f"{number + 1:08d}.BIN"] = self.random.randbytes(SIZES[number % len(SIZES)])
+        self.opened: dict[tuple[Address, int], int] = {}  # time of the last request of each session
+        self.waiting: dict[tuple[Address, int], bytes] = {}  # requests without an answer, by the number of the answer
+        self.latest_answer: dict[Address, tuple[bytes, bytes]] = {}
         self.sequence = 0
 
     def listing(self) -> tuple[str, ...]:
@@ -231,7 +236,7 @@ class FtpMachine(ProtocolMachine):
     @precondition(ProtocolMachine.free)
     @rule(
         number=st.integers(0, 1),
-        file=st.integers(1, len(SIZES) + 1),
+        file=st.integers(1, len(SIZES) + 1).map(lambda number: number if number <= len(SIZES) else MOST_FILES + 1),
         session=st.integers(0, 2),
         sequence=st.sampled_from([0, 64030]),
         burst=st.booleans(),
@@ -243,7 +248,7 @@ class FtpMachine(ProtocolMachine):
     @precondition(ProtocolMachine.free)
     @rule(
         number=st.integers(0, 1),
-        file=st.integers(1, len(SIZES) + 1),
+        file=st.integers(1, len(SIZES) + 1).map(lambda number: number if number <= len(SIZES) else MOST_FILES + 1),
         operation=st.sampled_from([ftp.LIST, ftp.LIST, ftp.CHECKSUM, ftp.RESET, ftp.REMOVE_FILE, ftp.CREATE]),
     )
     def ask(self, number: int, file: int, operation: int) -> None:
@@ -272,18 +277,47 @@ class FtpMachine(ProtocolMachine):
     # -- the model
 
     def served(self, message: Any, replies: list[Any]) -> None:
+        """A repetition of the latest request has the same answer. Only a session that is idle or ended is unknown."""
         assert len(replies) <= 1
-        request = FtpPacket.from_payload(bytes(message.payload))
-        for reply in replies:
-            answer = FtpPacket.from_payload(bytes(reply.payload))
-            assert (answer.sequence, answer.requested) == ((request.sequence + 1) & 0xFFFF, request.operation)
-            assert answer.operation in (ftp.ACK, ftp.NAK)
+        if (message.target_system, message.target_component) != VEHICLE:
+            return
+        client, payload = (message.get_srcSystem(), message.get_srcComponent()), bytes(message.payload)
+        request = FtpPacket.from_payload(payload)
+        self.waiting[client, (request.sequence + 1) & 0xFFFF] = payload
+        answers = [bytes(reply.payload) for reply in replies]
+        known, answer = self.latest_answer.get(client, (b"", b""))
+        if known == payload:
+            assert answers == [answer]
+        elif answers:
+            self._follow(client, answers[0])
+        if (client, request.session) in self.opened:
+            self.opened[client, request.session] = self.now_ns
 
     def polled(self, messages: list[Any]) -> None:
-        assert len(messages) <= 20
-        for message in messages:
-            address = (message.target_system, message.target_component)
-            assert address in self.stations
+        files = [message for message in messages if message.get_type() == "FILE_TRANSFER_PROTOCOL"]
+        assert len(files) == len(messages) <= 20
+        for message in files:
+            client, payload = (message.target_system, message.target_component), bytes(message.payload)
+            assert client in self.stations
+            if FtpPacket.from_payload(payload).requested != ftp.BURST:
+                self._follow(client, payload)
+
+    def _follow(self, client: Address, payload: bytes) -> None:
+        answer = FtpPacket.from_payload(payload)
+        request = self.waiting[client, answer.sequence]
+        asked = FtpPacket.from_payload(request)
+        assert (answer.requested, answer.operation in (ftp.ACK, ftp.NAK)) == (asked.operation, True)
+        self.latest_answer[client] = request, payload
+        if answer.operation == ftp.NAK:
+            if answer.data[0] == ftp.INVALID_SESSION:
+                used_ns = self.opened.pop((client, asked.session), None)
+                assert used_ns is None or self.now_ns - used_ns >= IDLE_NS
+        elif asked.operation == ftp.OPEN:
+            self.opened[client, answer.session] = self.now_ns
+        elif asked.operation == ftp.TERMINATE:
+            self.opened.pop((client, asked.session), None)
+        elif asked.operation == ftp.RESET:
+            self.opened = {key: used_ns for key, used_ns in self.opened.items() if key[0] != client}
 
     def finished(self, task: Any) -> None:
         if isinstance(task, AskOnce) and task.operation not in (ftp.CHECKSUM, ftp.RESET):

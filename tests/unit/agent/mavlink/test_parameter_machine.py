@@ -13,7 +13,7 @@ from agent.fcu.parameters import TABLE
 from agent.mavlink.exchange import text_of
 from agent.mavlink.parameters import as_float32
 from agent.wire import dialect as mav
-from tests.doubles.unreliable_line import VEHICLE, ProtocolMachine, StationRequest
+from tests.doubles.unreliable_line import QUIET_S, VEHICLE, ProtocolMachine, StationRequest
 
 NAMES = [row.name for row in TABLE]
 VALID = {"WP_SPEED": (0.5, 2.5, 7.25), "LOIT_TYPE": (0.0, 1.0, 2.0), "SRTL_POINTS": (0.0, 500.0)}
@@ -57,6 +57,7 @@ class ReadParameters:
 
     def __init__(self) -> None:
         self.done = False
+        self.quiet_s = QUIET_S
         self.found: dict[int, tuple[str, float]] = {}
         self.count: int | None = None
         self._heard_ns: int | None = None
