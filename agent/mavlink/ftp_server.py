@@ -180,6 +180,8 @@ class FtpServer:
         return _reply(packet)
 
     def _reset(self, client: Target, packet: FtpPacket, now_ns: int) -> FtpPacket:
+        """End the client's sessions, and those that a waiting request would open."""
+        self._waiting = deque(entry for entry in self._waiting if entry[0] != client)
         self._sessions = [other for other in self._sessions if other.client != client]
         return _reply(packet)
 

@@ -225,6 +225,7 @@ class _IncomingPlan:
         self.items: list[Any] = []
         self.before: list[Any] = []
         self.after: list[Any] = []
+        self.replaced: list[Any] | None = None  # the plan of which a part is replaced
         self.asked_ns = now_ns
         self.retries = 0
         whole = not came_as_mavlink1(message)
@@ -264,7 +265,7 @@ class MissionServer:
         self._set_current = set_current
         self._guide = guide
         self._upload: _IncomingPlan | None = None
-        self._finished: tuple[Target, int, int] | None = None  # sender, type and last item of the last upload
+        self._finished: tuple[Target, int, int] | None = None  # sender, type and last item of the stored upload
         self.handlers: dict[int, Callable[[Any, int], Messages]] = {
             mav.MAVLINK_MSG_ID_MISSION_COUNT: self._on_count,
             mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: self._on_write_partial,
@@ -311,6 +312,7 @@ class MissionServer:
         if message.count == 0:
             self._upload = None
             return [_ack(message, self._store(mission_type, []))]
+        self._finished = None
         self._upload = _IncomingPlan(message, 0, message.count, now_ns)
         return [self._upload.request()]
 
@@ -325,8 +327,9 @@ class MissionServer:
         if not 0 <= first <= last < len(items):
             self._warn(f"{plan.name} items {first} to {last} refused: there are {len(items)}")
             return [_ack(message, mav.MAV_MISSION_INVALID_SEQUENCE)]
+        self._finished = None
         self._upload = upload = _IncomingPlan(message, first, last - first + 1, now_ns)
-        upload.before, upload.after = items[:first], items[last + 1 :]
+        upload.before, upload.after, upload.replaced = items[:first], items[last + 1 :], items
         return [upload.request()]
 
     def _on_item(self, message: Any, now_ns: int) -> Messages:
@@ -367,6 +370,9 @@ class MissionServer:
         if len(upload.items) < upload.count:
             return [upload.request()]
         self._upload = None
+        if upload.replaced is not None and upload.replaced != plan.items():  # by a station on another link
+            self._warn(f"{plan.name} items refused: the plan has changed since the first of them")
+            return [_ack(message, mav.MAV_MISSION_ERROR)]
         result = self._store(mission_type, [*upload.before, *upload.items, *upload.after], in_part=upload.first > 0)
         self._finished = (sender, mission_type, message.seq) if result == mav.MAV_MISSION_ACCEPTED else None
         return [_ack(message, result)]
@@ -410,13 +416,16 @@ class MissionServer:
     # -- other requests
 
     def _on_clear(self, message: Any, now_ns: int) -> Messages:
-        """Delete a plan, or all plans."""
+        """Delete a plan, or all plans. The upload of another sender is not disturbed."""
         mission_type = message.mission_type
         if mission_type == RALLY:
             return [_ack(message, mav.MAV_MISSION_ACCEPTED)]
         if mission_type != ALL and mission_type not in self._plans:
             return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
-        self._upload = None
+        if self._upload is not None and mission_type in (self._upload.mission_type, ALL):
+            if self._upload.sender != _sender(message):
+                return [_ack(message, mav.MAV_MISSION_ERROR)]
+            self._upload = None
         results = [self._store(kind, []) for kind in self._plans if mission_type in (kind, ALL)]
         return [_ack(message, max(results))]
 

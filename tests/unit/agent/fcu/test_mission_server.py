@@ -181,6 +181,44 @@ def test_another_station_does_not_disturb_a_transfer() -> None:
     assert acks(channel.handle(item(1), 0)) == [mav.MAV_MISSION_ACCEPTED]
 
 
+def test_another_station_does_not_clear_away_an_upload() -> None:
+    channel = uploaded(3)
+    channel.handle(count(2), 0)
+    channel.handle(item(0), 0)
+    clear, clear_fence, clear_all = (mav.MAVLink_mission_clear_all_message(1, 1, kind) for kind in (0, 1, 255))
+    assert acks(channel.handle(sent(clear, 254), 0)) == [mav.MAV_MISSION_ERROR]
+    assert acks(channel.handle(sent(clear_all, 254), 0)) == [mav.MAV_MISSION_ERROR]
+    assert acks(channel.handle(sent(clear_fence, 254), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    assert len(channel.autopilot.navigator.mission.items) == 3
+    assert acks(channel.handle(item(1), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    assert len(channel.autopilot.navigator.mission.items) == 2
+
+
+@pytest.mark.parametrize("begin", [lambda: count(3), lambda: partial(1, 2)])
+def test_the_last_item_of_a_cancelled_upload_is_not_accepted_as_that_of_the_upload_before(begin: Any) -> None:
+    channel = uploaded(3)
+    old = channel.autopilot.navigator.mission
+    channel.handle(begin(), 0)
+    for tick in range(1, 10):
+        channel.poll(tick * SECOND // 2)
+    assert acks(channel.handle(item(2, x=-87000000), 5 * SECOND)) == [mav.MAV_MISSION_ERROR]
+    assert channel.autopilot.navigator.mission == old
+
+
+def test_a_part_does_not_bring_back_a_plan_that_another_link_has_replaced() -> None:
+    channel = uploaded(4)
+    other = MavlinkChannel(channel.autopilot, hub=channel.hub)
+    channel.handle(partial(1, 2), 0)
+    channel.handle(item(1), 0)
+    other.handle(count(2), 0)
+    for seq in range(2):
+        other.handle(item(seq, x=-87000000), 0)
+    new = channel.autopilot.navigator.mission
+    assert acks(channel.handle(item(2), 0)) == [mav.MAV_MISSION_ERROR]
+    assert channel.autopilot.navigator.mission == new
+    assert "Mission items refused: the plan has changed" in texts(channel.poll(0))
+
+
 def float_item(seq: int, x: float, y: float, **kind: int) -> Any:
     message = mav.MAVLink_mission_item_message(1, 1, seq, 3, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, x, y, 0.0, **kind)
     return sent(message)

@@ -191,6 +191,25 @@ def test_a_repeated_request_is_answered_again_and_not_carried_out_again() -> Non
     assert folder.opened == 1
 
 
+def test_a_reset_also_ends_what_waits_for_the_disk() -> None:
+    class Disk(Folder):
+        ready = False
+
+        def open(self, path: str) -> File | None:
+            return super().open(path) if self.ready else None
+
+    disk = Disk()
+    asking = Asking(disk)
+    (handler,) = asking.server.handlers.values()
+    assert handler(sent(asking.request(ftp.OPEN, b"/a", session=3)), 0) == []
+    assert handler(sent(asking.request(ftp.OPEN, b"/a", session=3), OTHER), 0) == []
+    assert asking.ask(ftp.RESET).operation == ftp.ACK
+    disk.ready = True
+    (opened,) = asking.server.poll(0)
+    assert (opened.target_system, opened.target_component) == OTHER
+    assert refusal(asking.ask(ftp.READ, session=3, size=100)) == ftp.INVALID_SESSION
+
+
 @pytest.mark.parametrize("chunk", [80, 239, 0])
 def test_a_burst_brings_the_file_and_ends_as_ardupilots_does(chunk: int) -> None:
     asking = Asking()
