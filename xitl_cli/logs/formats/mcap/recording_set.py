@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.logs.formats.mcap.file import OUR_RECORD, McapLog, Tables
+from xitl_cli.logs.formats.mcap.file import McapLog, Tables
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.joined import JoinedLog, joined_tables
 from xitl_cli.logs.model.log import Log, LogFile, LogHealth
+from xitl_cli.logs.model.recording_schema import RECORD
 from xitl_cli.logs.model.table import Selection, Table
 
 SPLIT_RECORD, NEXT_RECORD = "xitl_split", "xitl_split_next"
@@ -43,7 +44,7 @@ def whole_recording(log: McapLog) -> Log:
                 found[number] = f"cannot be read ({error})"
                 continue
             of_set = part.metadata(SPLIT_RECORD).get("number") == str(number)
-            if of_set and part.metadata(OUR_RECORD) == log.metadata(OUR_RECORD):
+            if of_set and part.metadata(RECORD) == log.metadata(RECORD):
                 found[number] = opened.enter_context(part)
             else:
                 part.close()
