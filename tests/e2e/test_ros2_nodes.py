@@ -66,12 +66,16 @@ def true_places(run: Path) -> np.ndarray:
     return np.array([(one.pose.pose.position.x, one.pose.pose.position.y) for one in odometry])
 
 
+NOT_IN_ROS = "marine_sensor_msgs/"
+"""A package of messages that an installed ROS does not have."""
+
+
 def all_topics(folder: Path) -> Path:
     """Those that are known before, for the listener; it finds those of each thruster itself."""
     known = {
         topic.full_name(): [topic.type, "transient_local" if topic.qos == "latched" else "volatile"]
         for topic in OUTPUTS.values()
-        if "{" not in topic.name
+        if "{" not in topic.name and not topic.type.startswith(NOT_IN_ROS)
     }
     path = folder / "topics.json"
     path.write_text(json.dumps(known))
