@@ -18,7 +18,7 @@ from sim_core.world.geometry import STEEL, UPRIGHT, Mesh, box, cylinder, moved, 
 from sim_core.world.rays import ScenePart
 from sim_core.world.river import RiverBed
 from xitl_cli.plugins.cameras.images import ObjectClass
-from xitl_cli.run.world.scene import MATERIAL_COLOURS
+from xitl_cli.run.world.scene import BODY_COLOURS, MATERIAL_COLOURS
 from xitl_cli.scenery import Scenery
 
 VERTEX = np.dtype(
@@ -30,7 +30,7 @@ SMOOTH_COSINE = 0.78
 GROUND_CELL_M = 4.0
 DEEP_M, BURIED_M = 1.0, 0.4
 """Triangles deeper below the lowest still water, or below the ground, are never seen: the water is opaque."""
-WATER_C, AIR_C = 24.0, 27.0
+WATER_C = 24.0
 _TEMPERATURES_C = {
     ObjectClass.GROUND: 31.0,
     ObjectClass.VEGETATION: 25.5,
@@ -46,12 +46,6 @@ _TEMPERATURES_C = {
 }
 """Chosen, for a sunny day: what the sun warms, and what evaporates."""
 _PATTERNS = {"leaves": 0.9, "earth": 0.7, "rock": 0.6, "wood": 0.6, "bed": 0.6, "concrete": 0.35, "hide": 0.3}
-_BODY_COLOURS = {
-    BodyKind.TRUNK: (0.36, 0.25, 0.15),
-    BodyKind.BRANCH: (0.42, 0.31, 0.19),
-    BodyKind.PLANTS: (0.25, 0.52, 0.17),
-    BodyKind.ANIMAL: (0.45, 0.36, 0.30),
-}
 _PART_CLASSES = {
     "ground": ObjectClass.GROUND,
     "bed": ObjectClass.GROUND,
@@ -180,7 +174,7 @@ def _long_axis(points_m: Array) -> Array:
 def body_model(name: str, mesh: Mesh, kind: BodyKind | None) -> TriangleModel:
     """Return a drifting body, or another hull (None), in its axes: forward, right, down."""
     shown = ObjectClass.VESSEL if kind is None else ObjectClass.DEBRIS
-    colour = WHITE if kind is None else _BODY_COLOURS[kind]
+    colour = WHITE if kind is None else BODY_COLOURS[kind]
     return TriangleModel(_of_mesh(mesh, shown, 0, colour), (_object(name, shown, mesh.vertices_m),))
 
 

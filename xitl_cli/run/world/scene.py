@@ -54,11 +54,11 @@ MATERIAL_COLOURS = {
     "bed": (0.3, 0.25, 0.18),
 }
 assert set(MATERIAL_COLOURS) == {material.name for material in MATERIALS}
-_BODY_COLOURS = {
-    BodyKind.TRUNK: messages.Color(r=0.4, g=0.26, b=0.13, a=1.0),
-    BodyKind.BRANCH: messages.Color(r=0.5, g=0.36, b=0.2, a=1.0),
-    BodyKind.PLANTS: messages.Color(r=0.25, g=0.6, b=0.2, a=1.0),
-    BodyKind.ANIMAL: messages.Color(r=0.55, g=0.42, b=0.35, a=1.0),
+BODY_COLOURS = {
+    BodyKind.TRUNK: (0.4, 0.26, 0.13),
+    BodyKind.BRANCH: (0.5, 0.36, 0.2),
+    BodyKind.PLANTS: (0.25, 0.6, 0.2),
+    BodyKind.ANIMAL: (0.55, 0.42, 0.35),
 }
 
 
@@ -342,10 +342,11 @@ def make_debris_scene(bodies: Sequence[Body], first: int) -> messages.SceneUpdat
     entities = []
     for number, body in enumerate(bodies[first:], start=first):
         corners = frames.frd_to_flu(body.mesh.vertices_m[body.mesh.faces].reshape(-1, 3)).tolist()
+        red, green, blue = BODY_COLOURS[body.kind]
         triangles = messages.TriangleListPrimitive(
             pose=_ORIGIN,
             points=[messages.Point3(x=x, y=y, z=z) for x, y, z in corners],
-            color=_BODY_COLOURS[body.kind],
+            color=messages.Color(r=red, g=green, b=blue, a=1.0),
         )
         frame = body_frame(number)
         entities.append(messages.SceneEntity(frame_id=frame, id=frame, frame_locked=True, triangles=[triangles]))
