@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -47,7 +47,7 @@ if TYPE_CHECKING:  # nodes that few runs have; the functions that make them impo
     from xitl_cli.run.nodes.river import CollisionNode
     from xitl_cli.run.nodes.ros_companion import EstimateRate, RosCompanionNode
     from xitl_cli.run.nodes.vessel_orders import VesselOrders
-    from xitl_cli.run_kinds import NodeKind
+    from xitl_cli.run_kinds import NodeContext, NodeKind
 
 
 SENSORS_OF_PLUGINS = ("cameras",)
@@ -410,13 +410,20 @@ def _plugin_parts(setup: VesselSetup) -> list[Part]:
 def _plugin_node(
     setup: VesselSetup, name: str, keys: Any, kind: NodeKind, *, control: ControlNode, **needed: Any
 ) -> PluginNode:
+    parts = {type_: needed[type_.__name__] for type_ in kind.needs}
+    context = _node_context(setup, name, f"plugins.{name}", control, parts)
+    return PluginNode(name, partial(kind.make, keys, context), kind.topics)
+
+
+def _node_context(
+    setup: VesselSetup, name: str, stream: str, control: ControlNode, parts: Mapping[type, Any]
+) -> NodeContext:
+    """Return the context of a plug-in's node. stream: of its random numbers."""
     from xitl_cli.run_kinds import NodeContext
 
-    parts = {type_: needed[type_.__name__] for type_ in kind.needs}
-    rng = default_rng(setup.seeds.sequence(f"plugins.{name}"))
-    run, url = setup.run, setup.run.stations.components_url
-    context = NodeContext(name, setup.profile, setup.plant, run.scenery, control, setup.seeds, rng, parts, url)
-    return PluginNode(name, partial(kind.make, keys, context), kind.topics)
+    rng, run = default_rng(setup.seeds.sequence(stream)), setup.run
+    url = run.stations.components_url
+    return NodeContext(name, setup.profile, setup.plant, run.scenery, control, setup.seeds, rng, parts, url)
 
 
 def _sensor_parts(setup: VesselSetup) -> list[Part]:
@@ -434,12 +441,7 @@ def _sensor_parts(setup: VesselSetup) -> list[Part]:
 
 
 def _sensor_node(setup: VesselSetup, name: str, keys: Any, kind: NodeKind, *, control: ControlNode) -> RunNode:
-    from xitl_cli.run_kinds import NodeContext
-
-    rng = default_rng(setup.seeds.sequence(name))
-    run, url = setup.run, setup.run.stations.components_url
-    context = NodeContext(name, setup.profile, setup.plant, run.scenery, control, setup.seeds, rng, {}, url)
-    return kind.make(keys, context)
+    return kind.make(keys, _node_context(setup, name, name, control, {}))
 
 
 def _live_part(output: LiveOutput) -> Part:
