@@ -7,7 +7,7 @@ A package may add one: an entry point of the group `xitl.detectors` is a functio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -27,8 +27,6 @@ class Detector(Protocol):
     def detect(self, image: NDArray[uint8]) -> Sequence[Detection]:
         """Return the objects in an image (H, W, 3), sRGB."""
 
-
-MakeDetector = Callable[[CameraSpec, Lens], Detector]
 
 SLICE_PX = 24
 """Width of the pieces into which the line of a boom is cut: a box around a slanting line would be mostly water."""

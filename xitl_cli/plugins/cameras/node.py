@@ -72,6 +72,8 @@ class CameraCounts:
     """By `drop_share`."""
     skipped: int = 0
     """In real time, because the machine could not draw them in time."""
+    missing: int = 0
+    """The process that draws had ended."""
     unfinished: int = 0
     """Under exposure when the run ended."""
     late: int = 0
@@ -440,7 +442,7 @@ class CameraNode(RunNode):
         camera = self._cameras[name]
         image = self._studio.collect(ticket, decode=bool(self._listeners))
         if image is None:
-            camera.counts.skipped += 1
+            camera.counts.missing += 1
             return
         camera.counts.images += 1
         if camera.keys.detector is not None and camera.keys.truth:
@@ -469,8 +471,8 @@ class CameraNode(RunNode):
             picture = messages.CompressedImage(
                 timestamp=stamp, frame_id=frame, data=image.encoded, format=image.file_format
             )
-        recorder.message(f"/cameras/{name}/image", stamp_ns, picture)
-        recorder.message(f"/cameras/{name}/calibration", stamp_ns, calibration(image.lens, stamp_ns, frame))
+        recorder.message(image_topic(name, image.kind).name, stamp_ns, picture)
+        recorder.message(calibration_topic(name).name, stamp_ns, calibration(image.lens, stamp_ns, frame))
         left, right = image.horizon_px or (math.nan, math.nan)
         quat = frames.matrix_to_quat(image.rot_ned_optical).tolist()
         recorder.write(stamp_ns, CameraFrame(name, image.number, image.pos_ned_m.tolist(), quat, left, right))
@@ -485,7 +487,7 @@ class CameraNode(RunNode):
         for one in image.detections:
             recorder.write(stamp_ns, CameraDetection(name, image.number, one.label, *one.box_px, one.confidence))
         if self._cameras[name].keys.truth:
-            recorder.message(f"/cameras/{name}/annotations", stamp_ns, image_annotations(image))
+            recorder.message(annotations_topic(name).name, stamp_ns, image_annotations(image))
 
 
 def calibration(lens: Lens, stamp_ns: int, frame: str) -> messages.CameraCalibration:
