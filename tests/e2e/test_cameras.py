@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import environment
+from conftest import command, environment
 from mcap.reader import make_reader
 
 from tests.forked_xitl import run_xitl
@@ -141,3 +141,28 @@ def test_without_opengl_it_says_what_to_install(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "apt install libegl1 libgl1-mesa-dri" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_detector_that_fails_ends_the_run_with_its_name(tmp_path: Path) -> None:
+    (tmp_path / "faulty.py").write_text(
+        "class Faulty:\n    def __init__(self, camera, lens): pass\n    def detect(self, image): return 1 / 0\n"
+    )
+    about = tmp_path / "faulty-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: faulty\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[xitl.detectors]\nfaulty = faulty:Faulty\n")
+    arguments = ["sim", "--profile", "sitl-camera", "--duration", "3", "--out", "run"]
+    for one in (*SMALL, "sensors.cameras.0.detector=faulty"):
+        arguments += ["--set", one]
+    done = subprocess.run(
+        command(*arguments),
+        cwd=tmp_path,
+        env={**environment(), "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "faulty: the plug-in of faulty 1.0 failed (ZeroDivisionError" in done.stderr
+    assert payloads(tmp_path, "/truth/state")  # the recording stays readable

@@ -33,7 +33,11 @@ def main(pipe: Pipe) -> None:
             if not isinstance(message, Commission):
                 studio.add(*message)
                 continue
-            image = studio.take(message)
+            try:
+                image = studio.take(message)
+            except UserError as error:
+                pipe.send({"problem": str(error)})
+                return
             images += 1
             if images == 1:  # with the compilation of the programs
                 first_s = time.process_time()

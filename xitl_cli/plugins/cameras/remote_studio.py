@@ -16,6 +16,7 @@ from xitl_cli.extras import CAMERA
 from xitl_cli.plugins.cameras.images import CameraImage, Detection, ObjectClass, SeenObject
 from xitl_cli.plugins.cameras.models import TriangleModel
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
+from xitl_cli.run.core.node import PluginNodeError
 from xitl_cli.run.core.side_process import SideProcess
 
 PATIENCE_S = 60.0
@@ -94,6 +95,8 @@ class RemoteStudio:
     def collect(self, ticket: int, decode: bool) -> CameraImage | None:
         """Wait for an image and return it; None when the process has ended.
 
+        Raises PluginNodeError when the detector of a package has failed.
+
         decode: also the pixels of JPEG and PNG; otherwise the image has none.
         """
         while ticket not in self._taken and not self._process.gone:
@@ -114,6 +117,8 @@ class RemoteStudio:
 
     def _keep(self, messages: Sequence[dict[str, Any]]) -> None:
         for message in messages:
+            if "problem" in message:
+                raise PluginNodeError(message["problem"])
             self.figures.processor_ms_per_image = message["processor_ms"]
             self._arrived += 1  # in the order of the tickets
             self._taken[self._arrived] = message["image"]

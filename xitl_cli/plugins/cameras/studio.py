@@ -22,7 +22,7 @@ from xitl_cli.plugins.cameras.detector import Detector
 from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
 from xitl_cli.plugins.cameras.models import TriangleModel, WorldObject
 from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, ImageResponse, Renderer, Shot
-from xitl_cli.registry import DETECTORS, load
+from xitl_cli.registry import DETECTORS, guarded, load
 
 THERMAL_NOISE_C = 0.05
 KELVIN = 273.15
@@ -70,7 +70,9 @@ class Studio:
         self._cameras = {camera.name: camera for camera in cameras}
         self._lenses = {camera.name: lens_of(camera) for camera in cameras}
         self._detectors: dict[str, Detector] = {
-            camera.name: load(DETECTORS, camera.detector)(camera, self._lenses[camera.name])
+            camera.name: guarded(
+                DETECTORS, camera.detector, load(DETECTORS, camera.detector), camera, self._lenses[camera.name]
+            )
             for camera in cameras
             if camera.detector is not None
         }
@@ -92,7 +94,7 @@ class Studio:
         self._renderer.close()
 
     def take(self, wanted: Commission) -> CameraImage:
-        """Return an image."""
+        """Return an image. Raises PluginError when the detector of a package fails."""
         camera, lens = self._cameras[wanted.camera], self._lenses[wanted.camera]
         view = wanted.middle.view
         objects = instances = numbers = None
@@ -113,7 +115,7 @@ class Studio:
                 for number, seen in enumerate(self._models[model].objects)
             ]
             objects, instances = seen_objects(numbers, known, wanted.middle)
-        detector = self._detectors.get(camera.name)
+        detector, name = self._detectors.get(camera.name), camera.detector or ""
         return CameraImage(
             camera=camera.name,
             kind=camera.kind,
@@ -126,7 +128,7 @@ class Studio:
             objects=objects or (),
             instances=instances,
             horizon_px=horizon_px(lens, view.rot_ned_optical) if camera.truth else None,
-            detections=() if detector is None else tuple(detector.detect(pixels)),
+            detections=() if detector is None else tuple(guarded(DETECTORS, name, detector.detect, pixels)),
             encoded=encoded(camera.kind, pixels, camera.quality),
         )
 
