@@ -79,9 +79,8 @@ class StationAddresses(RunNode):
             own = [self._opened(url, url in in_profile) for url in urls if url not in shared]
             if profile.autopilot.kind != "px4":  # the router calls a PX4's single link for stations
                 for url in urls:
-                    if (
-                        profile.vessel and url in shared and _is_tcp(url)
-                    ):  # the vessel's own port, counted from the common one
+                    if profile.vessel and url in shared and _is_tcp(url):
+                        # The vessel's own port, counted from the common one
                         parts = urlsplit(url)
                         host, port = parts.netloc.rpartition(":")[0], (parts.port or 0) + STEP * number
                         own.append(self._opened(parts._replace(netloc=f"{host}:{port}").geturl(), False))
