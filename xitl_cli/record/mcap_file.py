@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from xitl_cli.errors import UserError
+from xitl_cli.logs.model.recording_schema import NEXT_RECORD, SPLIT_RECORD
 from xitl_cli.record.mcap_writer import MESSAGE_BYTES, ChunkMessage, ChunkWriter, message_record
 
 FLUSH_INTERVAL_S = 1.0
@@ -27,8 +28,6 @@ return, a reader of one such topic reads 67 % and 15 % of the bytes rather than 
 real time, but with twice as many chunks, and their number sets the time to open a long recording.
 """
 _NO_CHANNEL = 0
-SPLIT_RECORD, NEXT_RECORD = "xitl_split", "xitl_split_next"
-"""Metadata at the beginning of each file of a set, and at the end of each file that another one follows."""
 
 
 class RecordingError(UserError):

@@ -682,6 +682,11 @@ def topic_name(topic: Topic, vessel: str = "", link: str = "") -> str:
     return f"/{vessel}{name}" if vessel and topic.per_vessel else name
 
 
+def camera_topic(camera: str, content: str) -> str:
+    """Return the topic with the `image`, the `calibration` or the `annotations` of a camera, without the vessel."""
+    return f"/cameras/{camera}/{content}"
+
+
 def vessel_name(name: str, vessel: str = "") -> str:
     """A vessel's frame, or one that speaks for it, in the file: `base_link`, or `alpha/base_link` of one of several."""
     return f"{vessel}/{name}" if vessel else name

@@ -13,6 +13,8 @@ from xitl_cli.logs.model.errors import LogError
 
 RECORD = "xitl"
 """Name of xitl's metadata record in an MCAP file."""
+SPLIT_RECORD, NEXT_RECORD = "xitl_split", "xitl_split_next"
+"""Records at the beginning and at the end of a file of a split recording; the last file has none at its end."""
 SCHEMA_KEY = "schema_version"
 """Key in that record."""
 SCHEMA_VERSION = 1

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim_core.frames import Array
 from sim_core.sensors.lens import Lens
 from xitl_cli.record.cdr import Float64, Float64x3, Float64x4, Int64, String, Uint32
-from xitl_cli.record.topics import Topic
+from xitl_cli.record.topics import Topic, camera_topic
 
 
 class ObjectClass(IntEnum):
@@ -170,14 +170,14 @@ DETECTIONS = Topic(
 def image_topic(camera: str, kind: str) -> Topic:
     """Return the topic of a camera's images."""
     schema = "foxglove.RawImage" if kind == "depth" else "foxglove.CompressedImage"
-    return Topic(f"/cameras/{camera}/image", schema, "each image", f"{kind} image")
+    return Topic(camera_topic(camera, "image"), schema, "each image", f"{kind} image")
 
 
 def calibration_topic(camera: str) -> Topic:
     """Return the topic of a camera's lens."""
-    return Topic(f"/cameras/{camera}/calibration", "foxglove.CameraCalibration", "each image", "lens")
+    return Topic(camera_topic(camera, "calibration"), "foxglove.CameraCalibration", "each image", "lens")
 
 
 def annotations_topic(camera: str) -> Topic:
     """Return the topic of the boxes that Foxglove draws over a camera's images."""
-    return Topic(f"/cameras/{camera}/annotations", "foxglove.ImageAnnotations", "each image", "boxes")
+    return Topic(camera_topic(camera, "annotations"), "foxglove.ImageAnnotations", "each image", "boxes")

@@ -23,11 +23,6 @@ WIDEST_PX = 640
 _TOPIC = re.compile(r"/cameras/([a-z][a-z0-9_]*)/image")
 
 
-def image_topic(camera: str) -> str:
-    """Return the topic with the images of a camera, without the vessel."""
-    return f"/cameras/{camera}/image"
-
-
 def live_image(stamp_ns: int, message: Any, is_depth: bool) -> ViewImage:
     """Return the image in a message of foxglove that a run records."""
     if is_depth:

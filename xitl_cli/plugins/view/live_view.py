@@ -22,14 +22,14 @@ from sim_core import frames
 from sim_core.fleet import Fleet
 from sim_core.world.debris import DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
-from xitl_cli.plugins.view.camera_images import image_topic, live_image
+from xitl_cli.plugins.view.camera_images import live_image
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewImage, ViewInstant
 from xitl_cli.plugins.view.scene import NO_WAVES, scene_waves
 from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
-from xitl_cli.record.topics import SONAR_POINT
+from xitl_cli.record.topics import SONAR_POINT, camera_topic
 from xitl_cli.run.core.live_output import LiveOutput, LiveRun, LiveVessel
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.core.pace import OperatedLockstep
@@ -108,7 +108,7 @@ class VesselWatch(RunNode):
         recorder.watch("/scene", self._on_scene)
         recorder.watch("/log", lambda stamp_ns, entry: self._events.append((stamp_ns, entry)))
         for camera in self._cameras:
-            recorder.watch(image_topic(camera), partial(self._on_image, camera))
+            recorder.watch(camera_topic(camera, "image"), partial(self._on_image, camera))
 
     def _on_image(self, camera: str, stamp_ns: int, message: Any) -> None:
         self._images[camera] = stamp_ns, message

@@ -28,7 +28,8 @@ def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> su
     """
     if os.name == "nt":
         raise UserError(
-            "Windows: the live view, ROS and cameras of a run need Linux or macOS; run without them, then use `xitl view`"
+            "Windows: the live view, ROS and cameras of a run need Linux or macOS; run without them, then use "
+            "`xitl view`"
         )
     numbers = [inherited.fileno() for inherited in sockets]
     return subprocess.Popen(

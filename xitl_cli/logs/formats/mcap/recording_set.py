@@ -16,11 +16,9 @@ from xitl_cli.logs.formats.mcap.file import McapLog, Tables
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.joined import JoinedLog, joined_tables
 from xitl_cli.logs.model.log import Log, LogFile, LogHealth
-from xitl_cli.logs.model.recording_schema import RECORD
+from xitl_cli.logs.model.recording_schema import NEXT_RECORD, RECORD, SPLIT_RECORD
 from xitl_cli.logs.model.table import Selection, Table
 
-SPLIT_RECORD, NEXT_RECORD = "xitl_split", "xitl_split_next"
-"""Metadata at the beginning and at the end of a file of a set; the last file has none at its end."""
 _MOST_FILES = 100_000
 
 
