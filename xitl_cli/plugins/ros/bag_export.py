@@ -14,7 +14,7 @@ import shutil
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from itertools import islice
+from itertools import chain, groupby, islice
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
@@ -192,7 +192,10 @@ def _recording_messages(
 
 
 def recorded_messages(files: Sequence[LogFile]) -> Iterator[tuple[str, str, bytes, int]]:
-    """Yield topic, type (empty for other than ROS), payload and instant of each message, in the order of time."""
+    """Yield topic, type (empty for other than ROS), payload and instant of each message, in the order of time.
+
+    Messages of one instant are in the order of their channels: their chunks depend on how fast the run was.
+    """
     return heapq.merge(*map(_messages_of, files), key=itemgetter(3))
 
 
@@ -204,7 +207,8 @@ def _messages_of(file: LogFile) -> Iterator[tuple[str, str, bytes, int]]:
     path, repeated = file.path, dict(file.repeated)
     try:
         with path.open("rb") as stream:
-            for schema, channel, message in make_reader(stream).iter_messages():
+            instants = groupby(make_reader(stream).iter_messages(), lambda read: read[2].log_time)
+            for schema, channel, message in chain.from_iterable(sorted(at, key=_channel_number) for _, at in instants):
                 if message.log_time == file.from_ns and repeated.get(channel.topic, 0):
                     repeated[channel.topic] -= 1
                     continue
@@ -213,6 +217,12 @@ def _messages_of(file: LogFile) -> Iterator[tuple[str, str, bytes, int]]:
                 yield channel.topic, type_name, message.data, message.log_time
     except McapError as error:
         raise UserError(f"{path}: is damaged ({error}); `xitl logs repair {path}` writes its readable part") from error
+
+
+def _channel_number(read: tuple[Any, Any, Any]) -> int:
+    """Return the channel of a message that an MCAP reader has read."""
+    number: int = read[1].id
+    return number
 
 
 class LogRows:

@@ -29,6 +29,7 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.vessel_bag import namespaces_of_vessels
 from xitl_cli.logs.signals.receivers import gnss_receivers
 from xitl_cli.plugins.logs.command import export
+from xitl_cli.plugins.ros.bag_export import recorded_messages
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.resolved import resolved_yaml
 from xitl_cli.record.mcap_file import McapFile
@@ -413,3 +414,20 @@ def test_the_mcap_export_is_of_ros2_to_rosbags(recording: Path, tmp_path: Path) 
         assert reader.topics["/environment"].msgcount == 4
         for one, _, data in reader.messages():
             reader.deserialize(data, one.msgtype)
+
+
+def test_the_order_of_messages_does_not_depend_on_the_speed_of_the_run(tmp_path: Path) -> None:
+    read = []
+    for often in (False, True):
+        seconds = iter(range(100))
+        path = tmp_path / f"{often}.mcap"
+        file = McapFile(path, now_s=lambda seconds=seconds: float(next(seconds)))  # type: ignore[misc]
+        clock, point = (file.ros_channel(topic, "geometry_msgs/msg/Point", "float64 x") for topic in ("/a", "/b"))
+        for stamp_ns in (1, 2):
+            point(POINT, stamp_ns)
+            if often:
+                file.flush_if_due()
+            clock(POINT, stamp_ns)
+        file.close()
+        read.append([(topic, stamp_ns) for topic, _, _, stamp_ns in recorded_messages(open_log(path).files)])
+    assert read[0] == read[1] == [("/a", 1), ("/b", 1), ("/a", 2), ("/b", 2)]
