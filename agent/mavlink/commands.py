@@ -62,7 +62,7 @@ def version_text(autopilot_version: Any) -> str:
     return f"{major}.{minor}.{patch}{_RELEASES.get(release, f'-{release}')}{also}"
 
 
-class Command(NamedTuple):
+class CommandRequest(NamedTuple):
     """Common form of COMMAND_LONG and COMMAND_INT. Latitude and longitude are in degrees and unchecked."""
 
     number: int
@@ -83,7 +83,7 @@ Answer = tuple[int, Messages]
 class CommandServer:
     """Acknowledges every command. The function of `table` for its MAV_CMD gives the result."""
 
-    def __init__(self, table: Mapping[int, Callable[[Command, int], Answer]]) -> None:
+    def __init__(self, table: Mapping[int, Callable[[CommandRequest, int], Answer]]) -> None:
         self._table = table
         self.handlers: dict[int, Callable[[Any, int], Messages]] = {
             mav.MAVLINK_MSG_ID_COMMAND_LONG: self._on_long,
@@ -92,13 +92,17 @@ class CommandServer:
 
     def _on_long(self, m: Any, now_ns: int) -> Messages:
         place = (m.param5, m.param6, m.param7)
-        return self._carry_out(m, Command(m.command, m.param1, m.param2, m.param3, m.param4, *place, None), now_ns)
+        return self._carry_out(
+            m, CommandRequest(m.command, m.param1, m.param2, m.param3, m.param4, *place, None), now_ns
+        )
 
     def _on_int(self, m: Any, now_ns: int) -> Messages:
         place = (m.x / 1e7, m.y / 1e7, m.z)
-        return self._carry_out(m, Command(m.command, m.param1, m.param2, m.param3, m.param4, *place, m.frame), now_ns)
+        return self._carry_out(
+            m, CommandRequest(m.command, m.param1, m.param2, m.param3, m.param4, *place, m.frame), now_ns
+        )
 
-    def _carry_out(self, m: Any, command: Command, now_ns: int) -> Messages:
+    def _carry_out(self, m: Any, command: CommandRequest, now_ns: int) -> Messages:
         carry_out = self._table.get(command.number)
         if carry_out is None:
             return [command_ack(m, command.number, mav.MAV_RESULT_UNSUPPORTED)]

@@ -35,7 +35,7 @@ class ActuatorFault:
 
 
 @dataclass(frozen=True, slots=True)
-class BatteryFault:
+class BatteryDamage:
     """Fault of a vessel's battery."""
 
     added_resistance_ohm: float = 0.0
@@ -63,7 +63,7 @@ class Condition:
 
 
 def make_condition(
-    model: VesselSpec, actuators: Sequence[ActuatorFault], batteries: Sequence[BatteryFault]
+    model: VesselSpec, actuators: Sequence[ActuatorFault], batteries: Sequence[BatteryDamage]
 ) -> Condition | None:
     """Return the condition of one vessel (N = 1), None for no fault.
 

@@ -52,13 +52,13 @@ class StoredLogs:
             self._disk.submit(self._list)
         return None if self._asked else self._listed
 
-    def open_log(self, index: int) -> LogFile | None:
+    def open_log(self, index: int) -> ServedLog | None:
         logs = self.logs()
         if logs is None:
             return None
         if not 0 <= index < len(logs):
             raise IndexError(index)
-        return LogFile(logs[index], self._disk)
+        return ServedLog(logs[index], self._disk)
 
     def _list(self) -> None:
         """List the logs. Runs in the thread."""
@@ -95,7 +95,7 @@ def _open_listed(log: StoredLog, flags: int) -> int:
     return descriptor
 
 
-class LogFile:
+class ServedLog:
     """A log with the size of its listing. See `agent.mavlink.ftp_server.ServedFile`."""
 
     def __init__(self, log: StoredLog, disk: _Disk) -> None:

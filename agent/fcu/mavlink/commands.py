@@ -11,7 +11,7 @@ from agent.fcu.mavlink.reports import origin
 from agent.fcu.mavlink.telemetry import TelemetryStreams
 from agent.fcu.mission import COMMANDS
 from agent.fcu.vehicle import modes
-from agent.mavlink.commands import FORCE_ARM, FORCE_DISARM, Answer, Command, command_ack
+from agent.mavlink.commands import FORCE_ARM, FORCE_DISARM, Answer, CommandRequest, command_ack
 from agent.mavlink.exchange import Messages
 from agent.navigation.geodetic import position_problem
 from agent.wire import dialect as mav
@@ -52,7 +52,7 @@ class CommandHandlers:
         self._streams = streams
         self._stores = stores
         pilot = hub.autopilot
-        self.table: dict[int, Callable[[Command, int], Answer]] = {
+        self.table: dict[int, Callable[[CommandRequest, int], Answer]] = {
             # Commands that the autopilot executes, or refuses with a reason
             mav.MAV_CMD_MISSION_START: _executor(lambda c: pilot.commands.start_mission()),
             mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: _executor(lambda c: pilot.set_mode(modes.RTL)),
@@ -96,7 +96,7 @@ class CommandHandlers:
 
     # -- state
 
-    def _arm_or_disarm(self, c: Command, now_ns: int) -> Answer:
+    def _arm_or_disarm(self, c: CommandRequest, now_ns: int) -> Answer:
         wanted = _whole(c.p1)
         if wanted == 1:
             refused = self._autopilot.arm(force=_whole(c.p2) in (FORCE_ARM, FORCE_DISARM))
@@ -106,48 +106,48 @@ class CommandHandlers:
             return _accepted(True)
         return _accepted(False, mav.MAV_RESULT_UNSUPPORTED)
 
-    def _run_prearm_checks(self, c: Command, now_ns: int) -> Answer:
+    def _run_prearm_checks(self, c: CommandRequest, now_ns: int) -> Answer:
         if self._autopilot.state.armed:
             return _accepted(False, mav.MAV_RESULT_TEMPORARILY_REJECTED)
         self._autopilot.say_prearm_problems()
         return _accepted(True)
 
-    def _set_mode(self, c: Command, now_ns: int) -> Answer:
+    def _set_mode(self, c: CommandRequest, now_ns: int) -> Answer:
         flags = _whole(c.p1)
         if flags < 0 or not flags & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return _accepted(False)
         return _accepted(not self._autopilot.set_mode(_whole(c.p2)), mav.MAV_RESULT_FAILED)
 
-    def _jump_to_tag(self, c: Command, now_ns: int) -> Answer:
+    def _jump_to_tag(self, c: CommandRequest, now_ns: int) -> Answer:
         tag = _whole(c.p1)
         if not 0 <= tag <= 65535:
             return _accepted(False)
         return _accepted(not self._autopilot.commands.jump_to_tag(tag), mav.MAV_RESULT_FAILED)
 
-    def _change_speed(self, c: Command, now_ns: int) -> Answer:
+    def _change_speed(self, c: CommandRequest, now_ns: int) -> Answer:
         """Change the speed. Airspeed counts as ground speed, and climb speeds are denied."""
         if _whole(c.p1) not in (0, 1):
             return _accepted(False)
         return _accepted(not self._autopilot.commands.change_speed(c.p2), mav.MAV_RESULT_FAILED)
 
-    def _set_yaw_speed(self, c: Command, now_ns: int) -> Answer:
+    def _set_yaw_speed(self, c: CommandRequest, now_ns: int) -> Answer:
         """Set the course in GUIDED: a heading, absolute or relative to the present one, and a speed."""
         heading_rad = math.radians(c.p1) + (self._autopilot.state.estimate.yaw_rad if c.p3 > 0.0 else 0.0)
         return _accepted(not self._autopilot.commands.set_course(heading_rad, c.p2), mav.MAV_RESULT_FAILED)
 
-    def _aux_function(self, c: Command, now_ns: int) -> Answer:
+    def _aux_function(self, c: CommandRequest, now_ns: int) -> Answer:
         position = _whole(c.p2)
         if position not in (0, 1, 2):
             return _accepted(False)
         return _accepted(not self._autopilot.commands.aux_function(_whole(c.p1), position), mav.MAV_RESULT_FAILED)
 
-    def _lack(self, c: Command, now_ns: int) -> Answer:
+    def _lack(self, c: CommandRequest, now_ns: int) -> Answer:
         """Answer a command to an absent device."""
         command = COMMANDS[c.number]
         self._hub.warn(f"{command.name} ignored: no {command.device}")
         return _LACKING[c.number], []
 
-    def _enable_fence(self, c: Command, now_ns: int) -> Answer:
+    def _enable_fence(self, c: CommandRequest, now_ns: int) -> Answer:
         wanted = _whole(c.p1)
         if wanted == 2:  # the floor, which a boat's fence lacks
             return _accepted(True)
@@ -160,7 +160,7 @@ class CommandHandlers:
 
     # -- positions
 
-    def _reposition(self, c: Command, now_ns: int) -> Answer:
+    def _reposition(self, c: CommandRequest, now_ns: int) -> Answer:
         if c.frame is not None and c.frame not in _GLOBAL_FRAMES:
             return self._wrong_frame(c)
         problem = position_problem(c.lat_deg, c.lon_deg)
@@ -176,21 +176,21 @@ class CommandHandlers:
                 return _accepted(False, mav.MAV_RESULT_FAILED)
         return _accepted(not self._autopilot.commands.go_to(c.lat_deg, c.lon_deg))
 
-    def _set_home(self, c: Command, now_ns: int) -> Answer:
+    def _set_home(self, c: CommandRequest, now_ns: int) -> Answer:
         if c.p1 == 1.0:
             return _accepted(not self._autopilot.commands.set_home_here(), mav.MAV_RESULT_FAILED)
         if c.frame is not None and c.frame not in _GLOBAL_FRAMES:
             return self._wrong_frame(c)
         return _accepted(not self._autopilot.commands.set_home(c.lat_deg, c.lon_deg, c.alt_m))
 
-    def _wrong_frame(self, c: Command) -> Answer:
+    def _wrong_frame(self, c: CommandRequest) -> Answer:
         known = ", ".join(map(str, _GLOBAL_FRAMES))
         self._hub.warn(f"Command {c.number} refused: frame {c.frame} is not supported; use {known}")
         return _accepted(False)
 
     # -- messages on demand
 
-    def _request_message(self, c: Command, now_ns: int) -> Answer:
+    def _request_message(self, c: CommandRequest, now_ns: int) -> Answer:
         wanted = _whole(c.p1)
         if wanted == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
             return self._get_interval(c._replace(p1=c.p2), now_ns)
@@ -211,17 +211,17 @@ class CommandHandlers:
         message = self._streams.message(message_id, now_ns)
         return (int(mav.MAV_RESULT_FAILED), []) if message is None else (int(mav.MAV_RESULT_ACCEPTED), [message])
 
-    def _capabilities(self, c: Command, now_ns: int) -> Answer:
+    def _capabilities(self, c: CommandRequest, now_ns: int) -> Answer:
         return self._message(mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION, now_ns) if c.p1 == 1.0 else _accepted(False)
 
-    def _set_interval(self, c: Command, now_ns: int) -> Answer:
+    def _set_interval(self, c: CommandRequest, now_ns: int) -> Answer:
         message_id = _whole(c.p1)
         if not self._streams.offers(message_id) or not -1.0 <= c.p2 <= 1e10:
             return _accepted(False)
         self._streams.set_interval(message_id, int(c.p2))
         return _accepted(True)
 
-    def _get_interval(self, c: Command, now_ns: int) -> Answer:
+    def _get_interval(self, c: CommandRequest, now_ns: int) -> Answer:
         message_id = _whole(c.p1)
         if not 0 <= message_id <= 65535:
             return _accepted(False)
@@ -230,7 +230,7 @@ class CommandHandlers:
 
     # -- reboot and storage
 
-    def _reboot(self, c: Command, now_ns: int) -> Answer:
+    def _reboot(self, c: CommandRequest, now_ns: int) -> Answer:
         if _whole(c.p1) != _REBOOT:
             return _accepted(False)
         if self._autopilot.state.armed:
@@ -239,7 +239,7 @@ class CommandHandlers:
         self._hub.reboot_asked = True
         return _accepted(True)
 
-    def _storage(self, c: Command, now_ns: int) -> Answer:
+    def _storage(self, c: CommandRequest, now_ns: int) -> Answer:
         action = _whole(c.p1)
         storage = self._hub.storage
         if action not in (_READ, _WRITE, _RESET):
@@ -404,8 +404,8 @@ def _whole(value: float) -> int:
 
 
 def _executor(
-    execute: Callable[[Command], str], otherwise: int = mav.MAV_RESULT_FAILED
-) -> Callable[[Command, int], Answer]:
+    execute: Callable[[CommandRequest], str], otherwise: int = mav.MAV_RESULT_FAILED
+) -> Callable[[CommandRequest, int], Answer]:
     """Return the handler of a command. execute: returns the reason of a refusal. otherwise: the result then."""
     return lambda c, now_ns: _accepted(not execute(c), otherwise)
 

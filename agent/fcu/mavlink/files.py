@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from typing import Callable
 
-from agent.fcu.dataflash.stored_logs import LogFile, StoredLog
+from agent.fcu.dataflash.stored_logs import ServedLog, StoredLog
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.parameters import TABLE
 from agent.mavlink.ftp_server import ServedFile
@@ -80,7 +80,7 @@ class ServedFiles:
         """Return the logs, oldest first. None while the disk is being read."""
         return self._hub.logs.logs()
 
-    def open_log(self, index: int) -> LogFile | None:
+    def open_log(self, index: int) -> ServedLog | None:
         """Open a log. Raises IndexError for an unknown index."""
         return self._hub.logs.open_log(index)
 

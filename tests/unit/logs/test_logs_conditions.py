@@ -12,7 +12,7 @@ from made_log import MadeLog, MadeTable
 from made_table import made_table
 
 from xitl_cli.logs.model.errors import LogError
-from xitl_cli.logs.model.query import Condition, merge_rows, stamps_between, tables_named
+from xitl_cli.logs.model.query import RowCondition, merge_rows, stamps_between, tables_named
 from xitl_cli.logs.model.table import ALL, Column, json_cells, text_cells
 
 
@@ -31,7 +31,7 @@ def att(name: str = "ATT") -> MadeTable:
 
 
 def holds(text: str) -> list[bool]:
-    return Condition(text).holds(att(), ALL, 0).tolist()
+    return RowCondition(text).holds(att(), ALL, 0).tolist()
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_rows_come_in_the_order_of_the_file(one: int, other: int, limit: int) ->
         for name, where in (("A", places[:one]), ("B", places[one:]))
     ]
     seen = []
-    for batch in merge_rows(tables, 3, 50, Condition("x % 2 == 0"), 0, 7):
+    for batch in merge_rows(tables, 3, 50, RowCondition("x % 2 == 0"), 0, 7):
         rows = [iter(table.values("x", own).tolist()) for table, own in zip(tables, batch.rows, strict=True)]
         first = batch.first(limit)
         assert len(first.order) == min(limit, len(batch.order)) == sum(map(len, first.rows))
@@ -167,7 +167,7 @@ def test_a_field_that_one_of_several_messages_lacks() -> None:
     tables = [att(), events]
 
     def shown(text: str) -> list[int]:
-        batches = list(merge_rows(tables, None, None, Condition(text), 0))
+        batches = list(merge_rows(tables, None, None, RowCondition(text), 0))
         return [sum(len(batch.rows[number]) for batch in batches) for number in range(2)]
 
     assert shown("Roll > 5") == [1, 0]
@@ -175,6 +175,6 @@ def test_a_field_that_one_of_several_messages_lacks() -> None:
     assert shown("time_s > 2.5") == [2, 1]
     for text in ("abs(Roll) > 5", "0 < Roll + 1 < 100", "-V[1] < 0", "roll != 5", "Name == 'ATC'", "Roll < Id"):
         assert shown(text)[1] == 0
-    assert Condition("Roll > 5 or Id == 11 or time_s > 3").lacked(tables) == {"ATT": ["Id"], "EV": ["Roll"]}
+    assert RowCondition("Roll > 5 or Id == 11 or time_s > 3").lacked(tables) == {"ATT": ["Id"], "EV": ["Roll"]}
     with pytest.raises(LogError, match="none of ATT, EV has a field 'Rol'; did you mean 'Roll'"):
         shown("Rol > 5")

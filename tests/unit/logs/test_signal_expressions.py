@@ -15,7 +15,7 @@ from tests.recorded import GUST
 from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.named_signals import LogSignal
-from xitl_cli.logs.model.query import Condition
+from xitl_cli.logs.model.query import RowCondition
 from xitl_cli.logs.model.table import ALL
 
 LOG = made_signals()
@@ -120,15 +120,15 @@ def test_a_condition_on_rows_may_name_other_messages_and_look_along_time() -> No
     att = LOG["ATT"]
 
     def rows(text: str) -> list[int]:
-        return np.flatnonzero(Condition(text, LOG).holds(att, ALL, 0)).tolist()
+        return np.flatnonzero(RowCondition(text, LOG).holds(att, ALL, 0)).tolist()
 
     assert rows("ATT.Roll > 9.9") == rows("Roll > 9.9") == np.flatnonzero(att["Roll"] > 9.9).tolist()
     late = np.flatnonzero(3.0 + 0.1 * ATT_S > 4.505)
     assert rows("XKF1[0].VN > 4.505") == [row for row in late.tolist() if ATT_S[row] >= 0.05]
     assert rows("MODE.ModeNum == 10") == np.flatnonzero(ATT_S > 9.0 - 1e-9).tolist()
     assert rows("abs(derivative(unwrap(Yaw)) - 4) < 1e-6 and Roll > 9.9") == rows("Roll > 9.9")
-    parts = Condition("diff(Roll) > 0", LOG)
-    whole = Condition("diff(Roll) > 0", LOG).holds(att, ALL, 0)
+    parts = RowCondition("diff(Roll) > 0", LOG)
+    whole = RowCondition("diff(Roll) > 0", LOG).holds(att, ALL, 0)
     assert np.concatenate([parts.holds(att, np.arange(n, n + 50), 0) for n in range(0, 200, 50)]).tolist() == (
         whole.tolist()
     )
@@ -138,7 +138,7 @@ def test_a_condition_on_rows_may_name_other_messages_and_look_along_time() -> No
 
 def test_rows_of_instances_are_each_their_own_time_line() -> None:
     core = LOG["XKF1"]
-    holds = Condition("abs(derivative(VN) - 0.1) < 1e-6", LOG).holds(core, ALL, 0)
+    holds = RowCondition("abs(derivative(VN) - 0.1) < 1e-6", LOG).holds(core, ALL, 0)
     assert holds.all()  # one instance is 1 m/s over the other at the same instants
 
 

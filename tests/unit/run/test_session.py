@@ -21,7 +21,7 @@ from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
 from xitl_cli.run.nodes.display import NoDisplay
-from xitl_cli.run.nodes.drivers import Course, NoDriver
+from xitl_cli.run.nodes.drivers import MissionItems, NoDriver
 from xitl_cli.seeds import Seeds
 
 
@@ -86,7 +86,7 @@ def test_ctrl_c_is_heeded_while_an_autopilot_started_elsewhere_is_waited_for(
 def test_an_agent_still_at_the_run_of_another_host_can_be_reached() -> None:
     """What it believes of that run is nothing to this one, which has not begun."""
     profile = load_profile("sitl").runnable()
-    autopilot = AutopilotNode(profile, Seeds(1), lambda commands, agent: NoDriver(commands, Course()))
+    autopilot = AutopilotNode(profile, Seeds(1), lambda commands, agent: NoDriver(commands, MissionItems()))
     view = autopilot.agents[0].inbox.view
     view.handle(dialect.MAVLink_gps_global_origin_message(-88_000_000, -639_500_000, 70_000, 0))
     view.handle(dialect.MAVLink_attitude_quaternion_message(500, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -22,7 +22,7 @@ from sim_core.environment.waves import realise_waves
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.motion import Influences, MotionStep, Moved, move
 from sim_core.simulation import Simulation, SimulationState, initial, step
-from sim_core.vessel.condition import ActuatorFault, BatteryFault, make_condition
+from sim_core.vessel.condition import ActuatorFault, BatteryDamage, make_condition
 from sim_core.vessel.vessel import VesselState, at_rest
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.catalogue import shipped_profiles
@@ -94,7 +94,7 @@ def any_condition(simulated: Simulation, draw: np.random.Generator) -> Any:
     name = str(draw.choice(model.command_names))
     held = None if draw.random() < 0.5 else float(draw.uniform(-1.0, 1.0))
     faults = [ActuatorFault(name, float(draw.random()), held, bool(draw.random() < 0.5))]
-    return make_condition(model, faults, [BatteryFault(0.05, 1, 2.0)])
+    return make_condition(model, faults, [BatteryDamage(0.05, 1, 2.0)])
 
 
 def arrays_of(moved: Moved) -> dict[str, np.ndarray]:

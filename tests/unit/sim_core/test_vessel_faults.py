@@ -18,7 +18,7 @@ from sim_core.environment.wind import Wind
 from sim_core.fleet import Fleet
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
-from sim_core.vessel.condition import ActuatorFault, BatteryFault, make_condition
+from sim_core.vessel.condition import ActuatorFault, BatteryDamage, make_condition
 from sim_core.vessel.spec import BatterySpec, Propeller, SteeringGear, VesselSpec
 
 BATTERY = BatterySpec(
@@ -41,7 +41,7 @@ def sailed(
     command: list[float],
     steps: int,
     actuators: list[ActuatorFault] | None = None,
-    batteries: list[BatteryFault] | None = None,
+    batteries: list[BatteryDamage] | None = None,
 ) -> SimulationState:
     simulation = Simulation.from_spec(model, still(), DT_S)
     state = simulations.initial(simulation, np.zeros((1, 2)), np.zeros(1), RNG)
@@ -101,12 +101,12 @@ def test_a_healthy_battery_changes_no_motion_and_obeys_ohm_s_law() -> None:
 @pytest.mark.parametrize(
     ("fault", "drop_v"),
     [
-        (BatteryFault(failed_cells=1), lambda current_a, open_v: open_v / 4.0),
-        (BatteryFault(voltage_drop_v=2.0), lambda current_a, open_v: 2.0),
-        (BatteryFault(added_resistance_ohm=0.2), lambda current_a, open_v: 0.2 * current_a),
+        (BatteryDamage(failed_cells=1), lambda current_a, open_v: open_v / 4.0),
+        (BatteryDamage(voltage_drop_v=2.0), lambda current_a, open_v: 2.0),
+        (BatteryDamage(added_resistance_ohm=0.2), lambda current_a, open_v: 0.2 * current_a),
     ],
 )
-def test_a_battery_fault_lowers_the_voltage_and_the_speed_in_proportion(fault: BatteryFault, drop_v: object) -> None:
+def test_a_battery_fault_lowers_the_voltage_and_the_speed_in_proportion(fault: BatteryDamage, drop_v: object) -> None:
     state = sailed(POWERED, [1.0, 1.0], 1200, batteries=[fault])
     battery, speed = state.vessel.battery, float(state.vessel.rotor_speed[0, 0])
     assert battery is not None

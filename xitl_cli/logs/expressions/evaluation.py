@@ -23,7 +23,7 @@ from xitl_cli.logs.expressions.syntax import (
     Name,
     Number,
     Prefix,
-    Text,
+    TextLiteral,
     Tree,
     Word,
 )
@@ -282,7 +282,7 @@ class Evaluation:
     def quantity(self, node: Tree) -> Quantity:
         """Evaluate a node. Raises ExpressionError, and the errors of `resolve`."""
         match node:
-            case Number(value=value) | Text(value=value):
+            case Number(value=value) | TextLiteral(value=value):
                 return Quantity(value)
             case Word(value=value):
                 return Quantity(np.bool_(value))

@@ -40,7 +40,7 @@ class Number(SyntaxNode):
 
 
 @dataclass(frozen=True, slots=True)
-class Text(SyntaxNode):
+class TextLiteral(SyntaxNode):
     value: str
 
 
@@ -97,7 +97,7 @@ class Call(SyntaxNode):
     arguments: tuple[Tree, ...]
 
 
-Tree: TypeAlias = Number | Text | Word | Name | Prefix | Arithmetic | ComparisonChain | Junction | Call
+Tree: TypeAlias = Number | TextLiteral | Word | Name | Prefix | Arithmetic | ComparisonChain | Junction | Call
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,7 +270,7 @@ class _Parser:
             return Number(token.begin, token.end, int(token.text) if whole else value)
         if token.kind == "text":
             self._next(operand=False)
-            return Text(token.begin, token.end, token.text[1:-1])
+            return TextLiteral(token.begin, token.end, token.text[1:-1])
         if token.kind == "name":
             self._next(operand=False)
             if token.text in _WORDS:

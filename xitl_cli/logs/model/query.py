@@ -63,7 +63,7 @@ def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tup
     return from_ns, until_ns
 
 
-class Condition:
+class RowCondition:
     """A parsed condition. `names`: fields in it, without [k].
 
     Raises LogError if `text` is not a condition.
@@ -85,9 +85,9 @@ class Condition:
         self._others: dict[str, Callable[[Stamps], Floats]] = {}
         self._units: dict[str, str] = {}
 
-    def within(self, log: Log) -> Condition:
+    def within(self, log: Log) -> RowCondition:
         """The same condition on rows of this log."""
-        return Condition(self.text, log)
+        return RowCondition(self.text, log)
 
     def lacked(self, tables: Sequence[Table]) -> dict[str, list[str]]:
         """Fields that the condition names and a table lacks, by name of the table.
@@ -222,7 +222,7 @@ def merge_rows(
     tables: Sequence[Table],
     from_ns: int | None,
     until_ns: int | None,
-    condition: Condition | None,
+    condition: RowCondition | None,
     zero_ns: int,
     at_once: int = _MOST,
     *,

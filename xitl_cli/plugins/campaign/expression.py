@@ -27,7 +27,7 @@ from xitl_cli.logs.expressions.syntax import (
     Name,
     Number,
     Prefix,
-    Text,
+    TextLiteral,
     Tree,
     Word,
     names_in,
@@ -83,7 +83,7 @@ class Expression:
 
     def _evaluate(self, node: Tree, values: Mapping[str, Any]) -> Any:
         match node:
-            case Number(value=value) | Text(value=value) | Word(value=value):
+            case Number(value=value) | TextLiteral(value=value) | Word(value=value):
                 return value
             case Name(path=path):
                 return values[path]

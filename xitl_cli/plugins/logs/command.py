@@ -94,11 +94,11 @@ def dump(
     such as XKF1[0].VN, has its value at the time of the row.
     """
     from xitl_cli.logs import open_log
-    from xitl_cli.logs.model.query import Condition, stamps_between, tables_named
+    from xitl_cli.logs.model.query import RowCondition, stamps_between, tables_named
     from xitl_cli.logs.model.text import parse_optional_seconds
     from xitl_cli.plugins.logs.dump_command import Asked, row_lines
 
-    condition = Condition(where) if where.strip() else None
+    condition = RowCondition(where) if where.strip() else None
     written = False
     with open_log(file, vessel) as log, quiet_pipe():
         named = tables_named(log, messages)

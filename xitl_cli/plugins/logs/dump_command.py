@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.named_signals import TIME
-from xitl_cli.logs.model.query import Condition, merge_rows, rows_at_once
+from xitl_cli.logs.model.query import RowCondition, merge_rows, rows_at_once
 from xitl_cli.logs.model.table import Table, column_named, json_cells, text_cells
 
 _LINES = 2048
@@ -29,7 +29,7 @@ class Asked:
 
     fields: tuple[str, ...] = ()
     """Fields in this order, for messages that have them; all if empty."""
-    condition: Condition | None = None
+    condition: RowCondition | None = None
     span_ns: tuple[int | None, int | None] = (None, None)
     """First and last stamp."""
     raw: bool = False

@@ -10,9 +10,9 @@ Components of vessels that the run simulates, such as cameras, send to a second 
 vessel and another component than its autopilot. What they send to all goes to the stations only.
 
 Frames are forwarded unchanged, so that signatures stay valid (mavlink.io, "Routing"). A frame for a system goes to the
-place of that system, other frames to all places. No frame returns to the place of its sender. Between vessels only the
-messages of FROM_VESSEL_TO_VESSEL are forwarded. A vessel's system has one place. Frames that claim the system elsewhere
-are dropped, and so are frames that come back in a loop.
+endpoint of that system, other frames to all endpoints. No frame returns to the endpoint of its sender. Between vessels
+only the messages of FROM_VESSEL_TO_VESSEL are forwarded. A vessel's system has one endpoint. Frames that claim the
+system elsewhere are dropped, and so are frames that come back in a loop.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from agent.wire.transport import DATAGRAM_BYTES, TransportError, open_transport
 from agent.wire.udp import UdpTransport
 
 MOST_STATIONS = 32
-MOST_VESSELS = 300  # places that vessels send from: those of a fleet, and some that were restarted
+MOST_VESSELS = 300  # endpoints that vessels send from: those of a fleet, and some that were restarted
 STUCK_S = 10.0  # a station that reads nothing for this time is dropped
-MOVED_S = 3.0  # a vessel that was silent for this time may move to another place
+MOVED_S = 3.0  # a vessel that was silent for this time may move to another endpoint
 AGAIN_S = 0.5  # interval for calls to a vessel that has not answered
 LOOK_S = 0.25  # interval of the checks for stuck stations and vessels to call, when no frame arrives
 BUFFER_BYTES = 1 << 22
@@ -96,7 +96,7 @@ class RouterCounts:
     unroutable: int = 0
     """Frames for an unknown system."""
     looped: int = 0
-    """Frames from a vessel's system at another place."""
+    """Frames from a vessel's system at another endpoint."""
     damaged: int = 0
     """Events of bytes that were no frame."""
     overrun: int = 0
@@ -104,12 +104,12 @@ class RouterCounts:
     stations: int = 0
     """Stations that connected or answered."""
     turned_away: int = 0
-    """Connections above `MOST_STATIONS`, or above the number of vessels' places."""
+    """Connections above `MOST_STATIONS`, or above the number of vessels' endpoints."""
     stuck: int = 0
     """Stations that read nothing for too long."""
 
 
-class Place(ABC):
+class Endpoint(ABC):
     """Source and destination of frames.
 
     heard: (system, component) of all senders there. vessel: False for a station. component: it is a part of a vessel
@@ -138,11 +138,11 @@ class Place(ABC):
     def send(self, frames: list[bytes]) -> int:
         """Forward frames without waiting. Returns the number of frames dropped for lack of space."""
 
-    def close(self) -> None:  # noqa: B027  most places have nothing to close
+    def close(self) -> None:  # noqa: B027  most endpoints have nothing to close
         """End the connection."""
 
 
-class TransportPlace(Place):
+class TransportEndpoint(Endpoint):
     """A station that connected or that the router sends to, or a vessel that the router calls."""
 
     def __init__(self, transport: TcpTransport | UdpTransport, name: str, vessel: bool) -> None:
@@ -168,7 +168,7 @@ class TransportPlace(Place):
         self.transport.close()
 
 
-class DatagramPlace(Place):
+class DatagramEndpoint(Endpoint):
     """A vessel, or a component of one, that sends to the common port."""
 
     def __init__(self, sock: socket.socket, address: tuple[str, int], component: bool) -> None:
@@ -209,16 +209,16 @@ class Router:
 
     def __init__(self, stations: Sequence[str]) -> None:
         self.counts = RouterCounts()
-        self.owners: dict[int, Place] = {}
+        self.owners: dict[int, Endpoint] = {}
         self._damaged_before = 0
-        self._places: list[Place] = []
+        self._endpoints: list[Endpoint] = []
         self._listeners: list[TcpListener] = []
         self._to_call: dict[tuple[str, int], float] = {}
         self._look_s = 0.0
         self._selector = selectors.DefaultSelector()
         self._vessels, self._components = self._datagram_port(False), self._datagram_port(True)
         self._overruns = {self._vessels: 0, self._components: 0}
-        self._datagrams: dict[tuple[str, int], DatagramPlace] = {}
+        self._datagrams: dict[tuple[str, int], DatagramEndpoint] = {}
         try:
             for url in stations:
                 if url.startswith("tcp://"):
@@ -231,7 +231,7 @@ class Router:
                 transport = open_transport(url, listen=False)
                 assert isinstance(transport, UdpTransport)
                 transport.longest = LARGEST
-                self._add(TransportPlace(transport, url, vessel=False))
+                self._add(TransportEndpoint(transport, url, vessel=False))
         except TransportError:
             self.close()
             raise
@@ -261,7 +261,9 @@ class Router:
     @property
     def stations(self) -> tuple[str, ...]:
         """The addresses at which stations may connect, then those that the router sends to."""
-        sent_to = [place.name for place in self._places if not place.vessel and place.name.startswith("udp")]
+        sent_to = [
+            endpoint.name for endpoint in self._endpoints if not endpoint.vessel and endpoint.name.startswith("udp")
+        ]
         return (*(listener.address for listener in self._listeners), *sent_to)
 
     def call(self, url: str) -> None:
@@ -272,7 +274,7 @@ class Router:
             self._to_call[address] = 0.0
             self._vessel_at(self._vessels, False, address)
             return
-        self._add(TransportPlace(TcpCaller(parts), url, vessel=True))
+        self._add(TransportEndpoint(TcpCaller(parts), url, vessel=True))
 
     def poll(self, timeout_s: float) -> None:
         """Forward the frames that have arrived; wait for them at most `timeout_s`."""
@@ -281,77 +283,79 @@ class Router:
         now_s = monotonic()
         if now_s - self._look_s >= LOOK_S:
             self._look_s = now_s
-            self._check_places(now_s)
+            self._check_endpoints(now_s)
 
     def report(self) -> dict[str, object]:
-        """Return the counts, and the places of the known systems, as plain data."""
+        """Return the counts, and the endpoints of the known systems, as plain data."""
         counts = self.counts
-        counts.damaged = self._damaged_before + sum(place.damaged for place in self._places)
-        return asdict(counts) | {"systems": {str(system): place.name for system, place in sorted(self.owners.items())}}
+        counts.damaged = self._damaged_before + sum(endpoint.damaged for endpoint in self._endpoints)
+        return asdict(counts) | {
+            "systems": {str(system): endpoint.name for system, endpoint in sorted(self.owners.items())}
+        }
 
     def close(self) -> None:
         """Close all connections."""
         self._selector.close()
-        for place in self._places:
-            place.close()
+        for endpoint in self._endpoints:
+            endpoint.close()
         for listener in self._listeners:
             listener.close()
         self._vessels.close()
         self._components.close()
 
-    # Places
+    # Endpoints
 
     def _accept(self, listener: TcpListener) -> None:
         connection = listener.accept()
         if connection is None:
             return
         sock, peer = connection
-        stations = sum(not place.vessel for place in self._places)
+        stations = sum(not endpoint.vessel for endpoint in self._endpoints)
         if stations >= MOST_STATIONS:
             sock.close()
             self.counts.turned_away += 1
             return
-        self._add(TransportPlace(TcpAccepted(sock, listener.address, peer), peer, vessel=False))
+        self._add(TransportEndpoint(TcpAccepted(sock, listener.address, peer), peer, vessel=False))
 
-    def _add(self, place: TransportPlace) -> None:
-        self._places.append(place)
-        self._watch(place)
+    def _add(self, endpoint: TransportEndpoint) -> None:
+        self._endpoints.append(endpoint)
+        self._watch(endpoint)
 
     def watch(self, descriptor: int, handle: Callable[[], None]) -> None:
         """Call `handle` in `poll` when there is something to read."""
         self._selector.register(descriptor, selectors.EVENT_READ, handle)
 
-    def _watch(self, place: TransportPlace) -> None:
-        """Watch the current connection of a place. A call may have lost its connection and opened another."""
-        transport = place.transport
+    def _watch(self, endpoint: TransportEndpoint) -> None:
+        """Watch the current connection of an endpoint. A call may have lost its connection and opened another."""
+        transport = endpoint.transport
         descriptor, losses = transport.fileno(), transport.losses if isinstance(transport, TcpTransport) else 0
         now = None if descriptor is None else (descriptor, losses)
-        if now == place.watched:
+        if now == endpoint.watched:
             return
-        if place.watched is not None:
+        if endpoint.watched is not None:
             with suppress(KeyError, ValueError):
-                self._selector.unregister(place.watched[0])
-        place.watched = now
+                self._selector.unregister(endpoint.watched[0])
+        endpoint.watched = now
         if descriptor is not None:
-            self._selector.register(descriptor, selectors.EVENT_READ, lambda: self._from_place(place))
+            self._selector.register(descriptor, selectors.EVENT_READ, lambda: self._from_endpoint(endpoint))
 
-    def _check_places(self, now_s: float) -> None:
+    def _check_endpoints(self, now_s: float) -> None:
         """Drop stations that have left or are stuck, and call vessels that have to be called."""
-        for place in [place for place in self._places if isinstance(place, TransportPlace)]:
-            transport = place.transport
+        for endpoint in [endpoint for endpoint in self._endpoints if isinstance(endpoint, TransportEndpoint)]:
+            transport = endpoint.transport
             if isinstance(transport, TcpCaller):
                 transport.send(b"")  # connects again
-                self._watch(place)
+                self._watch(endpoint)
             elif isinstance(transport, TcpTransport):
                 if not transport.connected:
-                    self._let_go(place)
+                    self._let_go(endpoint)
                 elif not transport.stuck:
-                    place.stuck_s = None
-                elif place.stuck_s is None:
-                    place.stuck_s = now_s
-                elif now_s - place.stuck_s > STUCK_S:
+                    endpoint.stuck_s = None
+                elif endpoint.stuck_s is None:
+                    endpoint.stuck_s = now_s
+                elif now_s - endpoint.stuck_s > STUCK_S:
                     self.counts.stuck += 1
-                    self._let_go(place)
+                    self._let_go(endpoint)
         for address, called_s in self._to_call.items():
             if not self._datagrams[address].systems and now_s - called_s >= AGAIN_S:
                 self._to_call[address] = now_s
@@ -360,24 +364,24 @@ class Router:
                 except OSError:
                     continue
 
-    def _let_go(self, place: TransportPlace) -> None:
-        self._damaged_before += place.damaged
-        self._places.remove(place)
-        place.close()
-        self._watch(place)
+    def _let_go(self, endpoint: TransportEndpoint) -> None:
+        self._damaged_before += endpoint.damaged
+        self._endpoints.remove(endpoint)
+        endpoint.close()
+        self._watch(endpoint)
 
     # Frames
 
-    def _from_place(self, place: TransportPlace) -> None:
-        transport = place.transport
+    def _from_endpoint(self, endpoint: TransportEndpoint) -> None:
+        transport = endpoint.transport
         chunks = transport.receive(0.0)
         for chunk in chunks:
-            self._pass_on(place, place.frames_in(chunk))
+            self._pass_on(endpoint, endpoint.frames_in(chunk))
         if isinstance(transport, TcpTransport) and not transport.connected:
             if isinstance(transport, TcpCaller):
-                self._watch(place)
+                self._watch(endpoint)
             else:
-                self._let_go(place)
+                self._let_go(endpoint)
 
     def _from_vessels(self, sock: socket.socket, components: bool) -> None:
         for _ in range(BATCH):
@@ -389,23 +393,23 @@ class Router:
                 if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):
                     self._overruns[sock] = struct.unpack("=I", value[:4])[0]
                     self.counts.overrun = sum(self._overruns.values())
-            place = self._vessel_at(sock, components, address)
-            if place is not None:
-                self._pass_on(place, place.frames_in(data))
+            endpoint = self._vessel_at(sock, components, address)
+            if endpoint is not None:
+                self._pass_on(endpoint, endpoint.frames_in(data))
 
-    def _vessel_at(self, sock: socket.socket, component: bool, address: tuple[str, int]) -> DatagramPlace | None:
-        place = self._datagrams.get(address)
-        if place is None:
+    def _vessel_at(self, sock: socket.socket, component: bool, address: tuple[str, int]) -> DatagramEndpoint | None:
+        endpoint = self._datagrams.get(address)
+        if endpoint is None:
             if len(self._datagrams) >= MOST_VESSELS:
                 self.counts.turned_away += 1
                 return None
-            place = self._datagrams[address] = DatagramPlace(sock, address, component)
-            self._places.append(place)
-        return place
+            endpoint = self._datagrams[address] = DatagramEndpoint(sock, address, component)
+            self._endpoints.append(endpoint)
+        return endpoint
 
-    def _pass_on(self, source: Place, frames: list[bytes]) -> None:
+    def _pass_on(self, source: Endpoint, frames: list[bytes]) -> None:
         """Forward each frame to its destinations, grouped by destination."""
-        outgoing: dict[Place, list[bytes]] = {}
+        outgoing: dict[Endpoint, list[bytes]] = {}
         for frame in frames:
             sender = (frame[5], frame[6])
             if not self._is_at_home(source, *sender):
@@ -416,17 +420,17 @@ class Router:
                 self.counts.stations += not source.vessel and not source.heard
                 source.heard.add(sender)
                 source.systems.add(sender[0])
-            for place in self._destinations(source, frame, sender):
-                outgoing.setdefault(place, []).append(as_received(frame))
-        for place, leaving in outgoing.items():
-            dropped = place.send(leaving)
+            for endpoint in self._destinations(source, frame, sender):
+                outgoing.setdefault(endpoint, []).append(as_received(frame))
+        for endpoint, leaving in outgoing.items():
+            dropped = endpoint.send(leaving)
             self.counts.dropped += dropped
             self.counts.frames_out += len(leaving) - dropped
 
-    def _is_at_home(self, source: Place, system: int, component: int) -> bool:
-        """Whether a frame of this system comes from the system's place. A vessel that was silent may move.
+    def _is_at_home(self, source: Endpoint, system: int, component: int) -> bool:
+        """Whether a frame of this system comes from the system's endpoint. A vessel that was silent may move.
 
-        A component has no place of its own, and never speaks as the autopilot.
+        A component has no endpoint of its own, and never speaks as the autopilot.
         """
         if source.component:
             return component != _AUTOPILOT
@@ -447,7 +451,7 @@ class Router:
             return True
         return False
 
-    def _destinations(self, source: Place, frame: bytes, sender: tuple[int, int]) -> list[Place]:
+    def _destinations(self, source: Endpoint, frame: bytes, sender: tuple[int, int]) -> list[Endpoint]:
         number = frame[7] | frame[8] << 8 | frame[9] << 16
         system = component = 0  # for all
         target = TARGETS.get(number)
@@ -458,13 +462,13 @@ class Router:
                 system = frame[10 + system_at]
             if component_at is not None and 10 + component_at < end:
                 component = frame[10 + component_at]
-        others = [place for place in self._places if place is not source and sender not in place.heard]
+        others = [endpoint for endpoint in self._endpoints if endpoint is not source and sender not in endpoint.heard]
         if not system:
             if source.component or (source.vessel and number not in FROM_VESSEL_TO_VESSEL):
-                return [place for place in others if not place.vessel]
+                return [endpoint for endpoint in others if not endpoint.vessel]
             return others
-        there = [place for place in others if system in place.systems]
-        exactly = [place for place in there if (system, component) in place.heard] if component else []
+        there = [endpoint for endpoint in others if system in endpoint.systems]
+        exactly = [endpoint for endpoint in there if (system, component) in endpoint.heard] if component else []
         if not there and system not in source.systems:
             self.counts.unroutable += 1
         return exactly or there

@@ -58,7 +58,7 @@ class VehicleDriver(RunNode):
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class MissionItems:
     """The items of the profile's mission to sail."""
 
     seqs: tuple[int, ...] = ()
@@ -86,7 +86,7 @@ class Course:
 class NoDriver(VehicleDriver):
     """Gives no orders; a mission that the autopilot starts by itself still counts."""
 
-    def __init__(self, commands: AutopilotCommands, course: Course) -> None:
+    def __init__(self, commands: AutopilotCommands, course: MissionItems) -> None:
         self._view = commands.view
         self._course = course
 
@@ -168,7 +168,7 @@ class MissionDriver(VehicleDriver):
     def __init__(
         self,
         commands: AutopilotCommands,
-        course: Course,
+        course: MissionItems,
         arm_timeout_s: float = READY_TIMEOUT_S,
         others: Callable[[], str] = nobody,
     ) -> None:
@@ -260,7 +260,7 @@ class ScriptDriver(VehicleDriver):
     """
 
     def __init__(
-        self, commands: AutopilotCommands, frame: LocalFrame, steps: Sequence[ScriptStep], course: Course
+        self, commands: AutopilotCommands, frame: LocalFrame, steps: Sequence[ScriptStep], course: MissionItems
     ) -> None:
         self._commands = commands
         self._steps = steps
@@ -485,9 +485,9 @@ class RosDriver(VehicleDriver):
         return replace(self._mission.progress(), waits_for=waits_for, finished=self._ended, completed=completed)
 
 
-def _course(context: DriverContext) -> Course:
+def _course(context: DriverContext) -> MissionItems:
     mission = context.profile.mission
-    return Course(tuple(mission.course), mission.jumps)
+    return MissionItems(tuple(mission.course), mission.jumps)
 
 
 def _replay(context: DriverContext) -> ReplayDriver:

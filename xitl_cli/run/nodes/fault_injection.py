@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from sim_core.frames import Array
-from sim_core.vessel.condition import ActuatorFault, BatteryFault, Condition, make_condition
+from sim_core.vessel.condition import ActuatorFault, BatteryDamage, Condition, make_condition
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.profile import ClockSpec
@@ -86,7 +86,7 @@ class VesselFaults:
         """Return the condition for the active faults, by name, and the (C,) actuators now; None without a fault."""
         self._kept = {key: value for key, value in self._kept.items() if key[0] in faults}
         actuators: list[ActuatorFault] = []
-        batteries: list[BatteryFault] = []
+        batteries: list[BatteryDamage] = []
         for name, fault in faults.items():
             if fault.propeller is not None:
                 propeller = fault.propeller
@@ -105,7 +105,7 @@ class VesselFaults:
             if fault.battery is not None:
                 battery = fault.battery
                 batteries.append(
-                    BatteryFault(battery.added_resistance_ohm, battery.failed_cells, battery.voltage_drop_v)
+                    BatteryDamage(battery.added_resistance_ohm, battery.failed_cells, battery.voltage_drop_v)
                 )
         return make_condition(self._model, actuators, batteries)
 

@@ -31,7 +31,7 @@ from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, BridgeNode, SchedulerRecord, drop_partial_record
-from xitl_cli.run.nodes.drivers import Course, NoDriver
+from xitl_cli.run.nodes.drivers import MissionItems, NoDriver
 from xitl_cli.run.world.world import local_frame
 
 LOGS = Path(__file__).parents[3] / "data" / "logs"
@@ -59,7 +59,7 @@ class Case:
         self.sent: list[Any] = []
         self.view = AgentView(frame, lambda *_: None, lambda *_: None)
         self.bridge = BridgeNode(profile, None)
-        driver = NoDriver(AutopilotCommands(self.view, self.sent.append, 1, 1), Course())
+        driver = NoDriver(AutopilotCommands(self.view, self.sent.append, 1, 1), MissionItems())
         agent: Any = SimpleNamespace(target=(1, 1), inbox=SimpleNamespace(view=self.view, command=STILL))
         self.bridge.preparation(driver, agent, self.sent.append, frame)
         self._packer = Packer(1, 1)

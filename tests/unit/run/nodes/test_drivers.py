@@ -19,9 +19,9 @@ from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import (
     READY_TIMEOUT_S,
-    Course,
     GroundStationDriver,
     MissionDriver,
+    MissionItems,
     ReplayDriver,
     ScriptDriver,
 )
@@ -63,7 +63,7 @@ def boat() -> Boat:
 
 
 def test_a_mission_is_armed_when_ready_and_started_when_armed(boat: Boat) -> None:
-    driver = MissionDriver(boat.orders, Course((1, 2)))
+    driver = MissionDriver(boat.orders, MissionItems((1, 2)))
     driver.update(TICK)
     assert boat.commands() == []
     boat.view.ready_to_arm = True
@@ -91,13 +91,13 @@ def test_a_mission_is_armed_when_ready_and_started_when_armed(boat: Boat) -> Non
 def test_an_autopilot_that_never_gets_ready_ends_the_run(boat: Boat) -> None:
     boat.view.texts.append("PreArm: no fix")
     with pytest.raises(UserError, match="become ready to arm; it said: PreArm: no fix"):
-        MissionDriver(boat.orders, Course((1, 2))).update(round((READY_TIMEOUT_S + 1) * S))
+        MissionDriver(boat.orders, MissionItems((1, 2))).update(round((READY_TIMEOUT_S + 1) * S))
 
 
 def test_a_mission_waits_moored_for_the_others_of_its_fleet(boat: Boat) -> None:
     """Its time to arm runs anew once they are ready. It says that it is ready itself: two may wait for each other."""
     others = "escort to be ready"
-    driver = MissionDriver(boat.orders, Course((1, 2)), READY_TIMEOUT_S, lambda: others)
+    driver = MissionDriver(boat.orders, MissionItems((1, 2)), READY_TIMEOUT_S, lambda: others)
     assert (driver.ready, driver.progress().waits_for) == (False, "escort to be ready")
     boat.view.ready_to_arm = True
     late = round((READY_TIMEOUT_S + 30.0) * S)
@@ -112,7 +112,7 @@ def test_a_mission_waits_moored_for_the_others_of_its_fleet(boat: Boat) -> None:
 
 
 def test_a_mission_that_is_not_ready_itself_does_not_wait_for_ever(boat: Boat) -> None:
-    driver = MissionDriver(boat.orders, Course((1, 2)), READY_TIMEOUT_S, lambda: "escort to be ready")
+    driver = MissionDriver(boat.orders, MissionItems((1, 2)), READY_TIMEOUT_S, lambda: "escort to be ready")
     with pytest.raises(UserError, match="become ready to arm"):
         driver.update(round((READY_TIMEOUT_S + 1) * S))
 
@@ -126,7 +126,7 @@ STEPS = (
 
 
 def test_a_script_gives_each_order_in_its_time(boat: Boat) -> None:
-    driver = ScriptDriver(boat.orders, FRAME, STEPS, Course())
+    driver = ScriptDriver(boat.orders, FRAME, STEPS, MissionItems())
     driver.update(S - TICK)
     assert boat.sent == []
     driver.update(S)
@@ -171,7 +171,7 @@ def test_a_script_gives_each_order_in_its_time(boat: Boat) -> None:
 
 
 def test_a_target_is_repeated_while_the_vehicle_is_in_guided_and_no_longer(boat: Boat) -> None:
-    driver = ScriptDriver(boat.orders, FRAME, (ScriptStep(at_s=0.0, goto_ned_m=(1.0, 2.0)),), Course())
+    driver = ScriptDriver(boat.orders, FRAME, (ScriptStep(at_s=0.0, goto_ned_m=(1.0, 2.0)),), MissionItems())
     kind = dialect.MAVLink_set_position_target_global_int_message
     driver.update(0)
     assert len(boat.take(kind)) == 1
@@ -184,7 +184,7 @@ def test_a_target_is_repeated_while_the_vehicle_is_in_guided_and_no_longer(boat:
 
 def test_a_refused_order_is_repeated_until_the_next_step_and_spoils_the_script(boat: Boat) -> None:
     driver = ScriptDriver(
-        boat.orders, FRAME, (ScriptStep(at_s=0.0, arm=True), ScriptStep(at_s=2.0, end=True)), Course()
+        boat.orders, FRAME, (ScriptStep(at_s=0.0, arm=True), ScriptStep(at_s=2.0, end=True)), MissionItems()
     )
     sent = []
     for tick in range(0, 2 * S + TICK, TICK):
@@ -400,7 +400,7 @@ def test_a_px4_goes_to_a_place_by_reposition_which_it_gets_until_it_has_taken_it
     boat = Px4Boat()
     boat.beat(PX4_HOLD, armed=True)
     steps = (ScriptStep(at_s=0.0, goto_ned_m=(30.0, -40.0)), ScriptStep(at_s=5.0, goto_ned_m=(1.0, 2.0)))
-    driver = ScriptDriver(boat.orders, FRAME, steps, Course())
+    driver = ScriptDriver(boat.orders, FRAME, steps, MissionItems())
     kind = dialect.MAVLink_command_int_message
     driver.update(0)
     (asked,) = boat.take(kind)
@@ -418,7 +418,7 @@ def test_a_px4_goes_to_a_place_by_reposition_which_it_gets_until_it_has_taken_it
 
 
 def test_what_is_not_well_is_said_where_no_text_gives_a_reason(boat: Boat, golden: Golden) -> None:
-    driver = MissionDriver(boat.orders, Course((1, 2)))
+    driver = MissionDriver(boat.orders, MissionItems((1, 2)))
     position, estimator, radio = 0x4000, 0x200000, 0x10000
     enabled = position | estimator | radio
     boat.view.handle(dialect.MAVLink_sys_status_message(enabled, enabled, estimator, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.dataflash.records import (
     Bytes,
+    ColumnUnit,
     Meaning,
-    Measure,
     RecordDefinition,
     RecordIndex,
     index_records,
@@ -199,7 +199,7 @@ def meanings(data: Bytes, parts: Mapping[str, Sequence[DefinitionRows]]) -> Mean
         for type_id, units, multipliers in zip(*(column.tolist() for column in columns), strict=False):
             described.setdefault(type_id, []).append((units, multipliers))
 
-    def meaning(definition: RecordDefinition) -> Mapping[str, Measure]:
+    def meaning(definition: RecordDefinition) -> Mapping[str, ColumnUnit]:
         fitting = [pair for pair in described.get(definition.type_id, ()) if len(pair[0]) == len(definition.letters)]
         units, multipliers = fitting[-1] if fitting else ("", "")
         return measures(definition, units, multipliers, labels, factors)

@@ -62,7 +62,7 @@ class RecordField:
     def divisor(self) -> float | None:
         return _DIVISORS.get(self.letter)
 
-    def conversion(self, measure: Measure, *, raw: bool) -> tuple[float, float]:
+    def conversion(self, measure: ColumnUnit, *, raw: bool) -> tuple[float, float]:
         """Divisor and multiplier of a stored number: the letter's divisor, else the factor of its measure.
 
         A tenth, a hundredth and so on become divisors, because the decimal number is the rounded result of the
@@ -227,7 +227,7 @@ def _cut(text: bytes) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Measure:
+class ColumnUnit:
     """Unit of a column."""
 
     unit: str = ""
@@ -238,15 +238,15 @@ class Measure:
     """Whether the column distinguishes instances."""
 
 
-NOTHING = Measure()
+NOTHING = ColumnUnit()
 
-Meaning = Callable[[RecordDefinition], Mapping[str, Measure]]
+Meaning = Callable[[RecordDefinition], Mapping[str, ColumnUnit]]
 """Measures of the columns of a type, by name."""
 
 
 def measures(
     definition: RecordDefinition, units: str, multipliers: str, labels: Mapping[str, str], factors: Mapping[str, float]
-) -> dict[str, Measure]:
+) -> dict[str, ColumnUnit]:
     """Measures by column, from FMTU's characters. labels, factors: by character, from UNIT and MULT."""
     by_column = {}
     names = _distinct(definition.names, len(definition.letters))
@@ -264,14 +264,14 @@ def measures(
     return by_column
 
 
-def _measure(field: RecordField, unit: str, factor: float, instance: bool) -> Measure:
+def _measure(field: RecordField, unit: str, factor: float, instance: bool) -> ColumnUnit:
     if field.letter in TEXT or field.divisor is not None or factor == 1.0:
-        return Measure(unit, unit, 1.0, instance)
+        return ColumnUnit(unit, unit, 1.0, instance)
     prefix = _PREFIXES.get(factor)
     raw_unit = "" if not unit else f"{prefix}{unit}" if prefix else f"{factor:g} {unit}"
     if unit == "s" and factor < 1.0 and prefix and field.letter not in "fdg":
-        return Measure(raw_unit, raw_unit, 1.0, instance)
-    return Measure(unit, raw_unit, factor, instance)
+        return ColumnUnit(raw_unit, raw_unit, 1.0, instance)
+    return ColumnUnit(unit, raw_unit, factor, instance)
 
 
 FMT = definition(0, FMT_ID, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))

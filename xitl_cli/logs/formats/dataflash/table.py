@@ -24,9 +24,9 @@ from xitl_cli.logs.formats.dataflash.records import (
     NOTHING,
     TEXT,
     Bytes,
+    ColumnUnit,
     Forget,
     Meaning,
-    Measure,
     Places,
     RecordDefinition,
     RecordField,
@@ -425,7 +425,7 @@ class _TypedRows:
     """A part and its columns."""
 
     part: DefinitionRows
-    columns: Mapping[str, tuple[RecordField, Measure, Column]]
+    columns: Mapping[str, tuple[RecordField, ColumnUnit, Column]]
 
 
 class DataFlashTable(Table):
@@ -564,7 +564,7 @@ class DataFlashTable(Table):
 
 def _columns(
     name: str, definition: RecordDefinition, meaning: Meaning
-) -> dict[str, tuple[RecordField, Measure, Column]]:
+) -> dict[str, tuple[RecordField, ColumnUnit, Column]]:
     measures = meaning(definition)
     found = {}
     for field in definition.fields:

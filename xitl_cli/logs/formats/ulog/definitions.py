@@ -143,7 +143,7 @@ def _flat(name: str, formats: Mapping[str, MessageFormat], prefix: str, depth: i
 
 
 @dataclass(frozen=True, slots=True)
-class Measure:
+class FieldUnit:
     """Unit of a field."""
 
     unit: str = ""
@@ -166,8 +166,8 @@ _LOCAL = {
 }
 _GLOBAL = {**dict.fromkeys(("lat", "lon"), "deg"), **dict.fromkeys(("alt", "alt_ellipsoid", "eph", "epv"), "m")}
 _WHOLE_FIX = {
-    **dict.fromkeys(("lat", "lon"), Measure("deg", "1e-7 deg", 1e7)),
-    **dict.fromkeys(("alt", "alt_ellipsoid"), Measure("m", "mm", 1e3)),
+    **dict.fromkeys(("lat", "lon"), FieldUnit("deg", "1e-7 deg", 1e7)),
+    **dict.fromkeys(("alt", "alt_ellipsoid"), FieldUnit("m", "mm", 1e3)),
 }
 """Until 1.14, a fix was in whole numbers."""
 _FIX = dict.fromkeys(("eph", "epv"), "m")
@@ -192,7 +192,7 @@ _BY_MESSAGE: Mapping[str, Mapping[str, str]] = {
 }
 
 
-def measure_of(message: str, field: str, *, whole: bool = False) -> Measure:
+def measure_of(message: str, field: str, *, whole: bool = False) -> FieldUnit:
     """Measure of a field; empty if unknown. whole: the field has whole numbers."""
     if whole and message in ("vehicle_gps_position", "sensor_gps") and field in _WHOLE_FIX:
         return _WHOLE_FIX[field]
@@ -203,4 +203,4 @@ def measure_of(message: str, field: str, *, whole: bool = False) -> Measure:
         words = field.rpartition(".")[2].split("_")
         suffixes = ("_".join(words[-length:]) for length in (2, 1) if length < len(words))
         unit = next((_SUFFIXES[suffix] for suffix in suffixes if suffix in _SUFFIXES), "")
-    return Measure(unit, unit)
+    return FieldUnit(unit, unit)

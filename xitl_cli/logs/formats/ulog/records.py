@@ -48,7 +48,7 @@ class Subscription:
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class LoggedText:
     """A logged text."""
 
     level: int
@@ -103,12 +103,14 @@ def parse_subscription(content: bytes) -> Subscription | None:
     return Subscription(content[0], int.from_bytes(content[1:3], "little"), content[3:].decode())
 
 
-def parse_text(content: bytes, *, tagged: bool) -> Text | None:
+def parse_text(content: bytes, *, tagged: bool) -> LoggedText | None:
     head = 11 if tagged else 9
     if len(content) < head or not 0x30 <= content[0] <= 0x37 or _NO_TEXT.search(content[head:].rstrip(b"\0")):
         return None
     tag = int.from_bytes(content[1:3], "little") if tagged else None
-    return Text(content[0] - 0x30, tag, int.from_bytes(content[head - 8 : head], "little"), decoded(content[head:]))
+    return LoggedText(
+        content[0] - 0x30, tag, int.from_bytes(content[head - 8 : head], "little"), decoded(content[head:])
+    )
 
 
 def parse_flags(content: bytes) -> Flags | None:
@@ -417,7 +419,7 @@ class _Chain:
     def _on_default(self, _: int, content: tuple[int, Information]) -> None:
         self._found.defaults.append(content)
 
-    def _on_text(self, place: int, content: Text) -> None:
+    def _on_text(self, place: int, content: LoggedText) -> None:
         self._found.texts.append(Placed(place, self._row_count, content))
 
     def _on_dropout(self, place: int, content: int) -> None:

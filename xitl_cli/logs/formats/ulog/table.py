@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.dataflash.table import decode_text
-from xitl_cli.logs.formats.ulog.definitions import Measure, RowField, RowLayout, measure_of
+from xitl_cli.logs.formats.ulog.definitions import FieldUnit, RowField, RowLayout, measure_of
 from xitl_cli.logs.formats.ulog.records import ROW_HEAD_BYTES, Bytes, Places
 from xitl_cli.logs.model.table import ALL, Column, Rows, Stamps, Table
 
@@ -123,7 +123,7 @@ class UlogTable(Table):
         return {name: self._joined(parts) for name, parts in read.items()}
 
 
-def _measure(message: str, field: RowField) -> Measure:
+def _measure(message: str, field: RowField) -> FieldUnit:
     return measure_of(message, field.name, whole=field.dtype.kind in "iu")
 
 

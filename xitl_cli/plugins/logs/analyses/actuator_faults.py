@@ -99,7 +99,7 @@ class VesselMotion:
 
 
 @dataclass(frozen=True, slots=True)
-class ActuatorFault:
+class DetectedFault:
     """A fault of one actuator."""
 
     kind: str
@@ -116,7 +116,7 @@ class ActuatorFault:
     """Improvement of the fit, in units of its variance."""
     began_ns: tuple[int, int] | None = None
     """Earliest and latest onset if the commands do not determine it, as those of a stuck propeller at its speed."""
-    other: ActuatorFault | None = None
+    other: DetectedFault | None = None
     """Another kind of fault of this output that explains nearly as much: the commands do not distinguish them."""
 
 
@@ -168,7 +168,7 @@ def _of_unanswered(turn: UnansweredTurn, output: OutputChannel, clock: LogClock)
     )
 
 
-def _as_if(fault: ActuatorFault, output: OutputChannel) -> str:
+def _as_if(fault: DetectedFault, output: OutputChannel) -> str:
     if fault.kind == "thrust_loss":
         return f"lost {100.0 * fault.size:.0f} % of its thrust"
     if fault.kind == "reversed":
@@ -338,7 +338,7 @@ class _Fit:
         return _Fit(self.motion, slow, self.sides)  # a wrong lag can turn the sides round
 
 
-def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
+def actuator_faults(motion: VesselMotion) -> list[DetectedFault]:
     """Faults in order of time; none if the motion is too short to be judged."""
     first = _Fit(motion, motion.commands)
     if len(first.rows) < _FEWEST_ROWS:
@@ -347,7 +347,7 @@ def actuator_faults(motion: VesselMotion) -> list[ActuatorFault]:
     scales = _scales(first)
     searches = [_Search(first.lagged(lag_s), scales) for lag_s in _LAGS_S]
     search = min(searches, key=_Search.least_squares)
-    faults: list[ActuatorFault] = []
+    faults: list[DetectedFault] = []
     while len(faults) < _MOST_FAULTS and (fault := search.next_fault()) is not None:
         faults.append(fault)
     joined = _joined(sorted(faults, key=lambda fault: fault.from_ns))
@@ -388,7 +388,7 @@ def unanswered_turns(motion: VesselMotion) -> list[UnansweredTurn]:
     return turns
 
 
-def _certain(fault: ActuatorFault, motion: VesselMotion) -> bool:
+def _certain(fault: DetectedFault, motion: VesselMotion) -> bool:
     """Whether the fault is long and large enough to exclude wind, waves and model errors."""
     until_ns = int(motion.stamp_ns[-1]) if fault.until_ns is None else fault.until_ns
     least = LEAST_STEERING_GAIN if motion.steers[fault.output] else LEAST_GAIN
@@ -399,9 +399,9 @@ def _certain(fault: ActuatorFault, motion: VesselMotion) -> bool:
     return enough and fault.gain >= least
 
 
-def _joined(faults: Sequence[ActuatorFault]) -> list[ActuatorFault]:
+def _joined(faults: Sequence[DetectedFault]) -> list[DetectedFault]:
     """Join the same fault on both sides of a short pause, in which it was not visible."""
-    joined: list[ActuatorFault] = []
+    joined: list[DetectedFault] = []
     for fault in faults:
         last = joined[-1] if joined else None
         same = last is not None and (last.kind, last.output) == (fault.kind, fault.output)
@@ -551,7 +551,7 @@ class _Search:
         best = int(np.argmin(squares))
         return _Candidate(float(squares[best]), (int(spans[best, 0]), int(spans[best, 1])), hypothesis)
 
-    def next_fault(self) -> ActuatorFault | None:
+    def next_fault(self) -> DetectedFault | None:
         """The fault that improves the fit most, in rows without an earlier fault.
 
         The model keeps the fault: later searches start from commands that contain it.
@@ -661,12 +661,12 @@ class _Search:
         spans = np.stack(np.meshgrid(begins, ends, indexing="ij"), axis=-1).reshape(-1, 2)
         return _possible(spans, self._free, round(0.5 * _LENGTHS_S[0] * RATE_HZ / _STRIDE))
 
-    def _fault(self, chosen: _Candidate, gain: float) -> ActuatorFault:
+    def _fault(self, chosen: _Candidate, gain: float) -> DetectedFault:
         begin, after = chosen.span
         until_ns = None if after >= len(self._free) - 2 else self._at_ns(after)
         of, from_ns = chosen.hypothesis, self._at_ns(begin)
         turns = float(self._fit.turns[of.output] * np.sign(of.size))
-        return ActuatorFault(of.kind, of.output, from_ns, until_ns, of.size, turns, gain)
+        return DetectedFault(of.kind, of.output, from_ns, until_ns, of.size, turns, gain)
 
     def _spans(self) -> Spans:
         many = len(self._free)

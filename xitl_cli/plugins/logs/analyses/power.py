@@ -26,7 +26,7 @@ _HUNDREDTHS = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Battery:
+class BatteryLog:
     """One battery; each array is (N,), NaN if unknown, None if not logged."""
 
     name: str
@@ -43,9 +43,9 @@ class Battery:
     healthy: Flags | None
 
 
-def batteries(log: Log) -> list[Battery]:
+def batteries(log: Log) -> list[BatteryLog]:
     """Every instance that ever has a voltage. For telemetry, BATTERY_STATUS, or else SYS_STATUS."""
-    packs: list[Battery] = []
+    packs: list[BatteryLog] = []
     for kinds in (("BAT", "BAT2"), ("CURR", "CUR2"), ("BATTERY_STATUS",), ("SYS_STATUS",)):
         for table in tables_of(log, kinds):
             for number, rows in by_instance(table).items():
@@ -58,12 +58,12 @@ def batteries(log: Log) -> list[Battery]:
     return packs
 
 
-def _battery_from_log(table: Table, rows: Table, number: int) -> Battery | None:
+def _battery_from_log(table: Table, rows: Table, number: int) -> BatteryLog | None:
     voltage = _measured(rows, "Volt")
     if voltage is None or not np.isfinite(voltage).any():
         return None
     healthy = numbers(rows, "H", raw=True)
-    return Battery(
+    return BatteryLog(
         name=instance_label(table, number),
         message=table.name,
         number=number + (2 if table.name.endswith("2") else 1),
@@ -90,7 +90,7 @@ def _measured(table: Table, name: str) -> Floats | None:
     return values * _HUNDREDTHS
 
 
-def _battery_from_telemetry(table: Table, rows: Table, number: int) -> Battery | None:
+def _battery_from_telemetry(table: Table, rows: Table, number: int) -> BatteryLog | None:
     """Battery from MAVLink: mV with 65535 unknown, cA and % with -1 unknown."""
     name = "voltages" if "voltages" in rows.columns else "voltage_battery"
     millivolts = numbers(rows, name, raw=True)
@@ -101,7 +101,7 @@ def _battery_from_telemetry(table: Table, rows: Table, number: int) -> Battery |
     current = numbers(rows, "current_battery", raw=True)
     used = numbers(rows, "current_consumed", raw=True)
     remaining = numbers(rows, "battery_remaining", raw=True)
-    return Battery(
+    return BatteryLog(
         name=instance_label(table, number),
         message=table.name,
         number=number + 1,
@@ -263,11 +263,11 @@ def analyse(log: Log) -> Section | None:
     return Section.joined("power", _TITLE, (supplied, supply))
 
 
-def _prefix(battery: Battery) -> str:
+def _prefix(battery: BatteryLog) -> str:
     return "BATT_" if battery.number == 1 else f"BATT{battery.number}_"
 
 
-def _judged(battery: Battery, parameters: Mapping[str, float], clock: LogClock) -> Iterator[Finding]:
+def _judged(battery: BatteryLog, parameters: Mapping[str, float], clock: LogClock) -> Iterator[Finding]:
     for name, severity, what in (("CRT_VOLT", Severity.CRITICAL, "critical"), ("LOW_VOLT", Severity.WARNING, "low")):
         limit = parameters.get(_prefix(battery) + name, 0.0)
         span = _longest_under(battery, limit) if limit > 0.0 else None
@@ -313,7 +313,7 @@ def _judged(battery: Battery, parameters: Mapping[str, float], clock: LogClock) 
     yield from _falls_at_end(battery)
 
 
-def _longest_under(battery: Battery, limit_v: float) -> tuple[int, int, float] | None:
+def _longest_under(battery: BatteryLog, limit_v: float) -> tuple[int, int, float] | None:
     """Begin, end and least voltage of the longest time below a level. Rows of 0 V are not measurements."""
     with np.errstate(invalid="ignore"):
         under = (battery.voltage_v < limit_v) & (battery.voltage_v > 0.0)
@@ -324,7 +324,7 @@ def _longest_under(battery: Battery, limit_v: float) -> tuple[int, int, float] |
     return from_ns, until_ns, float(battery.voltage_v[begin:after].min())
 
 
-def _nearly_empty(battery: Battery) -> Iterator[Finding]:
+def _nearly_empty(battery: BatteryLog) -> Iterator[Finding]:
     if battery.remaining_percent is None:
         return
     known = np.flatnonzero(np.isfinite(battery.remaining_percent))
@@ -342,7 +342,7 @@ def _nearly_empty(battery: Battery) -> Iterator[Finding]:
     )
 
 
-def _falls_at_end(battery: Battery) -> Iterator[Finding]:
+def _falls_at_end(battery: BatteryLog) -> Iterator[Finding]:
     """A log that ends while the voltage breaks down: its writer lost power."""
     known = np.flatnonzero(np.isfinite(battery.voltage_v) & (battery.voltage_v > 0.0))
     if len(known) < 20:
@@ -382,7 +382,7 @@ def resistance_ohm(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> fl
     return -slope if slope < 0.0 else None
 
 
-def _facts(battery: Battery, parameters: Mapping[str, float]) -> tuple[Fact, ...]:
+def _facts(battery: BatteryLog, parameters: Mapping[str, float]) -> tuple[Fact, ...]:
     voltage = battery.voltage_v[np.isfinite(battery.voltage_v) & (battery.voltage_v > 0.0)]
     facts = [
         Fact("voltage_first_v", "Voltage at the start", significant(float(voltage[0])), "V"),
@@ -403,7 +403,7 @@ def _facts(battery: Battery, parameters: Mapping[str, float]) -> tuple[Fact, ...
     return tuple(facts)
 
 
-def _left_min(battery: Battery, parameters: Mapping[str, float]) -> float | None:
+def _left_min(battery: BatteryLog, parameters: Mapping[str, float]) -> float | None:
     """Remaining minutes: capacity minus used charge, at the mean current of the last minute.
 
     None without a capacity or a current.
@@ -419,7 +419,7 @@ def _left_min(battery: Battery, parameters: Mapping[str, float]) -> float | None
     return significant(max(capacity - float(used[-1]), 0.0) * 1e-3 / float(last.mean()) * 60.0, 3)
 
 
-def _grid(packs: list[Battery]) -> Grid:
+def _grid(packs: list[BatteryLog]) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for battery in packs:
         voltage = battery.voltage_v[np.isfinite(battery.voltage_v) & (battery.voltage_v > 0.0)]
@@ -453,7 +453,7 @@ def _grid(packs: list[Battery]) -> Grid:
     return Grid("batteries", "Batteries", columns, tuple(rows))
 
 
-def _plots(packs: list[Battery]) -> tuple[Plot, ...]:
+def _plots(packs: list[BatteryLog]) -> tuple[Plot, ...]:
     voltages = tuple(Trace(f"{battery.name} V", battery.stamp_ns, battery.voltage_v) for battery in packs[:4])
     currents = tuple(
         Trace(f"{battery.name} A", battery.stamp_ns, battery.current_a)

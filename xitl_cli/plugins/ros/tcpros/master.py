@@ -80,7 +80,7 @@ def own_host(uri: str) -> str:
         return "127.0.0.1"
 
 
-class Subscription(Protocol):
+class PublisherObserver(Protocol):
     """Receives the publishers of a topic, by their URIs."""
 
     def registering(self) -> None:
@@ -99,7 +99,7 @@ class Registrar:
         """Name of the node, which changes if a running node has the same name."""
         self.node_uri = ""
         self._notes = notes
-        self._registrations: dict[tuple[str, ...], tuple[Any, Subscription | None]] = {}
+        self._registrations: dict[tuple[str, ...], tuple[Any, PublisherObserver | None]] = {}
         self._known: set[tuple[str, ...]] = set()
         self._left: list[str] = []
         self._master_id: int | None = None
@@ -117,7 +117,7 @@ class Registrar:
     def add_publisher(self, topic: str, type_name: str) -> None:
         self._want(("registerPublisher", topic, type_name), None)
 
-    def add_subscriber(self, topic: str, type_name: str, subscription: Subscription) -> None:
+    def add_subscriber(self, topic: str, type_name: str, subscription: PublisherObserver) -> None:
         """Add a subscriber; subscription receives the publishers."""
         self._want(("registerSubscriber", topic, type_name), subscription)
 
@@ -159,7 +159,7 @@ class Registrar:
             except MasterAwayError:
                 return
 
-    def _want(self, key: tuple[str, ...], subscription: Subscription | None) -> None:
+    def _want(self, key: tuple[str, ...], subscription: PublisherObserver | None) -> None:
         with self._lock:
             self._registrations[key] = None, subscription
         self._change.set()
@@ -201,7 +201,7 @@ class Registrar:
             except MasterRefusedError as error:
                 self._notes.tell(f"the ROS master refuses {key[0]} of {key[1]}: {error}")
 
-    def _register(self, key: tuple[str, ...], value: Any, subscription: Subscription | None) -> None:
+    def _register(self, key: tuple[str, ...], value: Any, subscription: PublisherObserver | None) -> None:
         method, name, *rest = key
         if method == "setParam":
             if name == SIM_TIME and self._ask("hasParam", name) and self._ask("getParam", name) is True:
