@@ -92,6 +92,7 @@ class MissionUpload:
         self._repeat_s = repeat_s
         self._give_up_s = give_up_s
         self._refused_s = refused_s
+        self._sent_last = False
         self._whole = new_timer()
         self._next = new_timer()
 
@@ -122,8 +123,11 @@ class MissionUpload:
             self._next.start(now_ns)
             if message.seq < len(self._items):
                 item = self._items[message.seq]
+                self._sent_last |= message.seq == len(self._items) - 1
                 return [item_message(self._target, item, item.seq == 1, self._mission_type)]
         elif number == mav.MAVLINK_MSG_ID_MISSION_ACK:
+            if message.type == mav.MAV_MISSION_ACCEPTED and not self._sent_last:
+                return []  # late, of an earlier upload
             self.result = int(message.type)
             self.done = self.accepted
         return []

@@ -176,6 +176,18 @@ def test_an_upload_that_nobody_asks_for_is_announced_again_and_given_up() -> Non
     assert MissionUpload(VEHICLE, []).done
 
 
+def test_an_upload_is_not_accepted_by_the_late_answer_to_an_earlier_one() -> None:
+    upload = MissionUpload(VEHICLE, waypoint_items(PLACES))
+    accepted = mav.MAVLink_mission_ack_message(*STATION, mav.MAV_MISSION_ACCEPTED, 0)
+    upload.poll(0)
+    for seq in range(len(PLACES)):
+        upload.handle(accepted, 0)
+        assert (upload.done, upload.accepted) == (False, False)
+        upload.handle(mav.MAVLink_mission_request_int_message(*STATION, seq, 0), 0)
+    upload.handle(accepted, 0)
+    assert (upload.done, upload.accepted) == (True, True)
+
+
 def test_a_download_counts_its_tries_since_something_came() -> None:
     download = MissionDownload(VEHICLE, most=2)
     for second in range(3):
