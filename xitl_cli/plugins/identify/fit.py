@@ -35,7 +35,11 @@ OF_RECORDING = (
     ("wind north", "m/s", 3.0),
     ("wind east", "m/s", 3.0),
 )
-"""Nuisance parameters: name, unit, standard deviation before the fit. Wind is relative to the water."""
+"""Nuisance parameters: name, unit, standard deviation before the fit. Wind is relative to the water.
+
+Where wind was measured, it is the error of this measurement, with a standard deviation of MEASURED_WIND_MPS before.
+"""
+MEASURED_WIND_MPS = 0.5
 
 _WIND = 4
 _LOCAL = 6  # north, east, yaw, velocity ahead and to starboard, yaw rate
@@ -208,8 +212,8 @@ class _Problem:
         vessel = with_values(self.vessel, self.keys, x[: len(self.keys)])
         repeats = len(begin) // len(self.windows)
         commands = np.tile(self.windows.commands(float(x[len(self.keys)])), (repeats, 1, 1))
-        wind = np.tile(self._of_windows(x)[:, _WIND:], (repeats, 1))
-        return self.plant.motion(vessel, begin, commands, wind)
+        wind = self.windows.wind() + self._of_windows(x)[:, None, _WIND:]
+        return self.plant.motion(vessel, begin, commands, np.tile(wind, (repeats, 1, 1)))
 
     def _of_windows(self, x: Floats) -> Floats:
         """Return the nuisance parameters of the recording of each window, (W, 6)."""
@@ -281,9 +285,13 @@ def fit(
     """
     if float(vessel.wind.lateral_area_m2) == 0.0:
         wind = False
-    nuisance = [sigma for _, _, sigma in SHARED]
-    nuisance += [sigma for _, _, sigma in OF_RECORDING] * len(windows.recordings)
-    prior = np.concatenate([priors(keys), nuisance])
+    nuisance = [np.array([sigma for _, _, sigma in SHARED])]
+    for recording in windows.recordings:
+        own = np.array([sigma for _, _, sigma in OF_RECORDING])
+        if recording.wind_ne_mps is not None:
+            own[_WIND:] = MEASURED_WIND_MPS
+        nuisance.append(own)
+    prior = np.concatenate([priors(keys), *nuisance])
     noise = np.array([sigma for _, sigma in QUANTITIES.values()])
     weight = 1.0 / noise[windows.quantity]
     problem = _Problem(vessel, tuple(keys), windows, Simulator(water), prior, windows.starts(), weight, wind, robust)

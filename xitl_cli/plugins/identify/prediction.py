@@ -125,7 +125,8 @@ class Predictor:
         nuisance = np.stack([fitted.nuisance(number) for number in range(len(windows.recordings))])[windows.of]
         first = len(SHARED)
         delay_s, bias = float(nuisance[0, 0]), nuisance[:, first + 2]
-        current, wind = nuisance[:, first : first + 2], nuisance[:, first + 4 : first + 6]
+        current = nuisance[:, first : first + 2]
+        wind = windows.wind() + nuisance[:, None, first + 4 : first + 6]
         begin = np.column_stack([start[:, 2] - bias, start[:, 3:]])
         over_ground = _turned(start[:, 3:5], start[:, 2])
         begin[:, 1:3] = _turned(over_ground - current, -begin[:, 0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -79,6 +79,8 @@ class Recording:
     """(K,) rising. Each command is held until the next."""
     commands: Floats
     """(K, C) in [-1, 1], in the order of the vessel."""
+    wind_ne_mps: tuple[Samples, Samples] | None = None
+    """Velocity of the air over ground, north and east, where it was measured."""
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -95,7 +97,7 @@ class Recording:
             channels[name] = Samples(own.time_s[rows], own.values[rows])
         first, last = np.searchsorted(self.command_s, (from_s, until_s))
         rows = slice(max(int(first) - 1, 0), int(last) + 1)
-        return Recording(self.source, channels, self.command_s[rows], self.commands[rows])
+        return replace(self, channels=channels, command_s=self.command_s[rows], commands=self.commands[rows])
 
     def broken(self, start_s: Floats, length_s: float) -> NDArray[np.bool_]:
         """Return whether each window has a gap of more than 1 s in a channel, (W,)."""
@@ -123,6 +125,12 @@ class Recording:
         integral = np.stack([np.interp(inside, self.command_s, column) for column in total.T], axis=-1)
         width = np.maximum(np.diff(inside, axis=-1), 1e-9)[..., None]
         return np.where(width > 1e-8, np.diff(integral, axis=-2) / width, self.commands[0])
+
+    def wind_at(self, time_s: Floats) -> Floats:
+        """Return (..., 2) velocity of the measured air at (...) instants, 0 without a measurement."""
+        if self.wind_ne_mps is None:
+            return np.zeros((*time_s.shape, 2))
+        return np.stack([own.at(time_s) for own in self.wind_ne_mps], axis=-1)
 
     def motion_at(self, time_s: Floats) -> Floats:
         """Return (K, 6) north, east, yaw, and velocity ahead, to starboard and of the yaw, smoothed over 0.6 s."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from sim_core.keys import Items, Specification, SpecificationError
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.identify.recording import Floats, Quantity, Recording, Samples, channel
+from xitl_cli.plugins.identify.recording import QUANTITIES, Floats, Recording, Samples, channel
 from xitl_cli.profile.files.yaml_file import read_yaml
 from xitl_cli.profile.reader import read_group
 
@@ -19,6 +19,7 @@ _FACTORS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "m/s": 1.0, "kn": 1852.0 / 3600.0,
     "rad": 1.0, "deg": np.pi / 180.0, "rad/s": 1.0, "deg/s": np.pi / 180.0,
 }  # fmt: skip
+_WIND = ("wind_speed", "wind_from")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,10 +60,13 @@ class ColumnMap(Specification):
     yaw_rate: ColumnSpec | None = None
     surge: ColumnSpec | None = None
     sway: ColumnSpec | None = None
+    wind_speed: Annotated[ColumnSpec | None, "of the true wind, over ground"] = None
+    wind_from: Annotated[ColumnSpec | None, "where the true wind comes from, from north, clockwise"] = None
     commands: Annotated[tuple[CommandSpec, ...], Items(1, 32)]
 
     def check(self) -> None:
-        for first, second in (("north", "east"), ("vel_north", "vel_east"), ("surge", "sway")):
+        pairs = (("north", "east"), ("vel_north", "vel_east"), ("surge", "sway"), ("wind_speed", "wind_from"))
+        for first, second in pairs:
             if (getattr(self, first) is None) != (getattr(self, second) is None):
                 raise SpecificationError((first,), f"and {second} belong together; give both or neither")
         if self.surge is None and self.vel_north is None and self.north is None:
@@ -89,21 +93,31 @@ def read_table(path: Path, columns: ColumnMap) -> Recording:
             f"{path}: column {columns.time.column!r} goes from {time_s[back[0]]:g} s back to {time_s[back[0] + 1]:g} s "
             f"in row {back[0] + 3}; sort the rows by time, and give each run its own file"
         )
-    channels: dict[Quantity, Samples] = {}
-    for field in fields(columns):
-        spec = getattr(columns, field.name)
-        if isinstance(spec, ColumnSpec) and field.name != "time":
-            values = _numbers(path, table, spec.column) * _FACTORS[spec.unit] * (-1.0 if spec.reversed else 1.0)
-            good = np.isfinite(values) & np.isfinite(time_s) & (np.diff(time_s, prepend=-np.inf) > 0.0)
-            if np.count_nonzero(good) < 2:
-                raise UserError(
-                    f"{path}: column {spec.column!r} has {np.count_nonzero(good)} numbers; check the column"
-                )
-            values = np.unwrap(values[good]) if field.name == "yaw" else values[good]
-            channels[field.name] = channel(time_s[good], values)  # type: ignore[index]
+    read = {
+        name: _samples(path, table, spec, time_s, unwrap=name == "yaw")
+        for name in (*QUANTITIES, *_WIND)
+        if (spec := getattr(columns, name)) is not None
+    }
+    channels = {name: channel(own.time_s, own.values) for name, own in read.items() if name in QUANTITIES}
     commands = np.stack([_command(spec, _numbers(path, table, spec.column)) for spec in columns.commands], axis=1)
     good = np.isfinite(commands).all(axis=1) & (np.diff(time_s, prepend=-np.inf) > 0.0)
-    return Recording(str(path), channels, time_s[good], commands[good])
+    wind = _wind_ne_mps(*(read[name] for name in _WIND)) if _WIND[0] in read else None
+    return Recording(str(path), channels, time_s[good], commands[good], wind)  # type: ignore[arg-type]
+
+
+def _samples(path: Path, table: dict[str, list[str]], spec: ColumnSpec, time_s: Floats, *, unwrap: bool) -> Samples:
+    values = _numbers(path, table, spec.column) * _FACTORS[spec.unit] * (-1.0 if spec.reversed else 1.0)
+    good = np.isfinite(values) & np.isfinite(time_s) & (np.diff(time_s, prepend=-np.inf) > 0.0)
+    if np.count_nonzero(good) < 2:
+        raise UserError(f"{path}: column {spec.column!r} has {np.count_nonzero(good)} numbers; check the column")
+    return Samples(time_s[good], np.unwrap(values[good]) if unwrap else values[good])
+
+
+def _wind_ne_mps(speed: Samples, origin: Samples) -> tuple[Samples, Samples]:
+    """Return the velocity of the air, north and east, from its speed and the direction that it comes from."""
+    time_s = speed.time_s
+    cos, sin = (np.interp(time_s, origin.time_s, part) for part in (np.cos(origin.values), np.sin(origin.values)))
+    return Samples(time_s, -speed.values * cos), Samples(time_s, -speed.values * sin)
 
 
 def _columns(path: Path) -> dict[str, list[str]]:

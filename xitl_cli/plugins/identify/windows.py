@@ -65,6 +65,12 @@ class Windows:
         ]
         return np.concatenate(parts)
 
+    def wind(self) -> Floats:
+        """Return the measured velocity of the air in the middle of each step of the commands, (W, steps, 2)."""
+        middles = (np.arange(round(self.length_s / COMMAND_S)) + 0.5) * COMMAND_S
+        parts = [own.wind_at(self.start_s[self.of == number, None] + middles) for number, own in enumerate(self.recordings)]
+        return np.concatenate(parts)
+
     def starts(self) -> Floats:
         """Return the measured motion at the start of each window, (W, 6)."""
         return np.concatenate(
@@ -116,6 +122,7 @@ class Simulator:
         """Return (K, R, 6) north, east, yaw, velocity north and east, and yaw rate at every OUTPUT_S.
 
         starts: (R, 4) yaw, velocity ahead and to starboard, yaw rate. commands: (R, steps, C), see `Windows.commands`.
+        wind_ne_mps: (R, steps, 2) relative to the water, see `Windows.wind`, or (R, 1, 2) for a steady wind.
         """
         planar = _with_few_strips(spec)
         while True:
@@ -160,8 +167,9 @@ def _simulated(vessel: Vessel, starts: Floats, commands: Floats, wind_ne_mps: Fl
     )
     step_motion = MotionStep(vessel, StillHull(len(vessel.buoyancy.points_frd_m)))
     still = np.zeros((rows, 3))
-    wind = np.column_stack([wind_ne_mps, np.zeros(rows)])
-    around = Influences(0.0, 0.0, still, wind, np.zeros((rows, 2)), commands[:, history], None)
+    wind = np.zeros((rows, steps - history, 3))
+    wind[:, :, :2] = wind_ne_mps
+    around = Influences(0.0, 0.0, still, wind[:, 0], np.zeros((rows, 2)), commands[:, history], None)
     state = replace(state, motion=motion, rotor_speed=actuators)
     state = with_half_change(vessel, state, surroundings(vessel, step_motion.hull_waves, motion, around))
     # Steps
@@ -170,7 +178,7 @@ def _simulated(vessel: Vessel, starts: Floats, commands: Floats, wind_ne_mps: Fl
     for number, step in enumerate(range(history, steps)):
         if number % every == 0:
             _note(results[number // every], state.motion)
-        around = replace(around, command=commands[:, step])
+        around = replace(around, command=commands[:, step], wind_ned_mps=wind[:, number])
         for _ in range(repeats):
             state = step_motion.step(state, around).vessel
     if (steps - history) % every == 0:

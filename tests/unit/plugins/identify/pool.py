@@ -44,7 +44,7 @@ def pool_run(vessel: VesselSpec, length_s: float = 90.0, seed: int = 1, noise: f
     at_s, commands = steps(length_s, seed)
     run = Recording("pool", {}, np.append(at_s, length_s), np.vstack([commands, commands[-1:]]))
     edges = np.arange(round((length_s + HISTORY_S) / 0.02) + 1) * 0.02 - HISTORY_S
-    motion = Simulator(Water()).motion(vessel, np.zeros((1, 4)), run.mean_commands(edges[None]), np.zeros((1, 2)))[:, 0]
+    motion = Simulator(Water()).motion(vessel, np.zeros((1, 4)), run.mean_commands(edges[None]), np.zeros((1, 1, 2)))[:, 0]
     time_s = np.arange(len(motion)) * OUTPUT_S
     draw = np.random.default_rng(seed + 1000)
     white = noise * draw.standard_normal((len(motion), 4)) * [0.02, 0.02, np.radians(0.3), np.radians(0.3)]

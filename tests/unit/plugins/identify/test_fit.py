@@ -67,11 +67,11 @@ def test_four_strips_hold_a_boat_in_still_water_as_many_do() -> None:
     commands = np.full((1, 300, 2), 0.5)
     commands[:, 150:, 0] = -0.2
     start = np.array([[0.0, 1.0, 0.1, 0.1]])
-    few = Simulator(Water()).motion(boat(), start, commands, np.zeros((1, 2)))[-1, 0]
+    few = Simulator(Water()).motion(boat(), start, commands, np.zeros((1, 1, 2)))[-1, 0]
     hull = boat().hull
     assert hull is not None
     fewest = replace(boat(), hull=replace(hull, strips=4))
-    assert few == pytest.approx(Simulator(Water()).motion(fewest, start, commands, np.zeros((1, 2)))[-1, 0], abs=1e-9)
+    assert few == pytest.approx(Simulator(Water()).motion(fewest, start, commands, np.zeros((1, 1, 2)))[-1, 0], abs=1e-9)
     assert MotionStep is not None
     assert few[3:] == pytest.approx(full_motion(commands, start), abs=5e-3)
 
@@ -81,7 +81,7 @@ def full_motion(commands: np.ndarray, start: np.ndarray) -> np.ndarray:
     from sim_core.vessel.vessel import Vessel
     from xitl_cli.plugins.identify.windows import _simulated
 
-    result = _simulated(Vessel.from_spec(boat(), Water(), 0.005), start, commands, np.zeros((1, 2)))
+    result = _simulated(Vessel.from_spec(boat(), Water(), 0.005), start, commands, np.zeros((1, 1, 2)))
     return np.asarray(result[-1, 0, 3:])
 
 
