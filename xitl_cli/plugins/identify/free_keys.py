@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -24,9 +25,14 @@ USUAL_KEYS = (
     "damping_linear_matrix.0.0", "damping_linear_matrix.1.1", "damping_linear_matrix.5.5",
     "damping_quadratic.surge", "damping_quadratic.sway", "damping_quadratic.yaw",
     "cross_flow_drag.coefficient",
+    "derivatives.X_udot", "derivatives.Y_vdot", "derivatives.N_rdot", "derivatives.X_u", "derivatives.X_uu",
+    "derivatives.Y_v", "derivatives.Y_vv", "derivatives.N_r", "derivatives.N_rr",
+    "mmg.m_y", "mmg.j_z", "mmg.r_0",
+    "mmg.derivatives.Y_v", "mmg.derivatives.Y_r", "mmg.derivatives.N_v", "mmg.derivatives.N_r",
     "propellers.max_reverse_thrust_n", "propellers.spin_up_s", "propellers.spin_down_s",
 )  # fmt: skip
-"""Free without `--free`, if the vehicle has a value above 0 there. The thrust ahead gives forces their scale."""
+"""Free without `--free`, if the vehicle has a value there. The thrust ahead gives forces their scale."""
+_DIAGONAL = re.compile(r"derivatives\.(X_[u|]+|Y_[v|]+|Z_[w|]+|K_[p|]+|M_[q|]+|N_[r|]+)(dot)?$")
 
 PRIOR_LOG, PRIOR_SIGNED = 1.0, 3.0
 """Standard deviations of x before the fit: 68 % within a factor of 2.7, or within three times the start."""
@@ -36,8 +42,8 @@ PRIOR_LOG, PRIOR_SIGNED = 1.0, 3.0
 class FreeKey:
     """A key, or the same key of several list items, as one number x that is 0 at the start.
 
-    A positive value is start exp(x), which cannot become negative. A negative value or a derivative, which may change
-    its sign, is start + |start| x.
+    A positive value, and damping or added mass of its own axis, is start exp(x), which keeps its sign. Another
+    negative value or derivative may change its sign. It is start + |start| x.
     """
 
     key: str
@@ -47,7 +53,7 @@ class FreeKey:
     @property
     def signed(self) -> bool:
         """Whether the value may change its sign."""
-        return self.start < 0.0 or self.key.startswith("derivatives.")
+        return (self.start < 0.0 or "derivatives." in self.key) and _DIAGONAL.search(self.key) is None
 
     def value(self, x: float) -> float:
         """Value of the key."""
@@ -65,7 +71,7 @@ def free_keys(vessel: VesselSpec, asked: Sequence[str], fixed: Sequence[str]) ->
     """
     for key in fixed:
         _free_key(vessel, key)
-    names = list(asked) or [key for key in USUAL_KEYS if (_values(vessel, key) or (0.0,))[0] > 0.0]
+    names = list(asked) or [key for key in USUAL_KEYS if (_values(vessel, key) or (0.0,))[0] != 0.0]
     kept = [key for key in dict.fromkeys(names) if key not in fixed]
     if not kept:
         raise UserError("no key is free; give --free KEY, such as --free damping_linear.yaw")

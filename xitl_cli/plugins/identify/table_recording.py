@@ -15,10 +15,18 @@ from xitl_cli.plugins.identify.recording import QUANTITIES, Floats, Recording, S
 from xitl_cli.profile.files.yaml_file import read_yaml
 from xitl_cli.profile.reader import read_group
 
-_FACTORS = {
-    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "m/s": 1.0, "kn": 1852.0 / 3600.0,
-    "rad": 1.0, "deg": np.pi / 180.0, "rad/s": 1.0, "deg/s": np.pi / 180.0,
-}  # fmt: skip
+_UNITS = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "m": {"m": 1.0},
+    "m/s": {"m/s": 1.0, "kn": 1852.0 / 3600.0},
+    "rad": {"rad": 1.0, "deg": np.pi / 180.0},
+    "rad/s": {"rad/s": 1.0, "deg/s": np.pi / 180.0},
+}
+"""Units by the unit that they become, with their factors."""
+_FACTORS = {unit: factor for units in _UNITS.values() for unit, factor in units.items()}
+_KINDS = {"time": "s", "wind_speed": "m/s", "wind_from": "rad"} | {name: unit for name, (unit, _) in QUANTITIES.items()}
+_FASTEST_WIND_MPS = 60.0
+_BEYOND_FULL = 1.5
 _WIND = ("wind_speed", "wind_from")
 
 
@@ -69,6 +77,10 @@ class ColumnMap(Specification):
         for first, second in pairs:
             if (getattr(self, first) is None) != (getattr(self, second) is None):
                 raise SpecificationError((first,), f"and {second} belong together; give both or neither")
+        for name, kind in _KINDS.items():
+            if (spec := getattr(self, name)) is not None and spec.unit not in _UNITS[kind]:
+                known = " or ".join(_UNITS[kind])
+                raise SpecificationError((name, "unit"), f"= {spec.unit} is no unit of {name}; write {known}")
         if self.surge is None and self.vel_north is None and self.north is None:
             raise SpecificationError(
                 (), "has no motion; give north and east, vel_north and vel_east, or surge and sway"
@@ -99,9 +111,17 @@ def read_table(path: Path, columns: ColumnMap) -> Recording:
         if (spec := getattr(columns, name)) is not None
     }
     channels = {name: channel(own.time_s, own.values) for name, own in read.items() if name in QUANTITIES}
-    commands = np.stack([_command(spec, _numbers(path, table, spec.column)) for spec in columns.commands], axis=1)
+    commands = np.stack([_command(path, table, spec) for spec in columns.commands], axis=1)
     good = np.isfinite(commands).all(axis=1) & (np.diff(time_s, prepend=-np.inf) > 0.0)
-    wind = _wind_ne_mps(*(read[name] for name in _WIND)) if _WIND[0] in read else None
+    wind = None
+    if columns.wind_speed is not None:
+        speed, origin = (read[name] for name in _WIND)
+        if not 0.0 <= speed.values.min() <= speed.values.max() <= _FASTEST_WIND_MPS:
+            raise UserError(
+                f"{path}: column {columns.wind_speed.column!r} has speeds from {speed.values.min():g} to "
+                f"{speed.values.max():g} m/s; correct the unit or the column of wind_speed"
+            )
+        wind = _wind_ne_mps(speed, origin)
     return Recording(str(path), channels, time_s[good], commands[good], wind)  # type: ignore[arg-type]
 
 
@@ -152,10 +172,17 @@ def _number(cell: str) -> float:
         return float("nan")
 
 
-def _command(spec: CommandSpec, values: Floats) -> Floats:
+def _command(path: Path, table: dict[str, list[str]], spec: CommandSpec) -> Floats:
+    """Return commands in [-1, 1]. Raises UserError if most values are far beyond full."""
+    values = _numbers(path, table, spec.column)
     offset = np.where(np.abs(values - spec.neutral) <= spec.dead, 0.0, values - spec.neutral)
     full = spec.full - spec.neutral
     astern = -full if spec.astern is None else spec.astern - spec.neutral
     share = np.where(offset * full >= 0.0, offset / full, -offset / astern)
+    if (beyond := np.mean(np.abs(share) > _BEYOND_FULL)) > 0.5:
+        raise UserError(
+            f"{path}: {100.0 * beyond:.0f} % of column {spec.column!r} are beyond full (median {np.nanmedian(values):g}, "
+            f"neutral {spec.neutral:g}, full {spec.full:g}); correct neutral and full of this command"
+        )
     share = np.clip(share, -1.0, 1.0)
     return np.sign(share) * np.sqrt(np.abs(share)) if spec.law == "thrust" else share

@@ -138,6 +138,12 @@ def _recording(path: Path, profile: Profile, columns: Path | None, motion: str) 
         if columns is None:
             raise UserError(f"{path} is a table; give --columns with a map of its columns")
         recording = read_table(path, read_column_map(columns))
+        areas = profile.vehicle.wind
+        if recording.wind_ne_mps is not None and not areas.frontal_area_m2 + areas.lateral_area_m2:
+            raise UserError(
+                f"{columns} gives the wind, but vehicle.wind.lateral_area_m2 of {profile.vehicle.name} is 0; add the "
+                "areas to the vehicle's file, or remove wind_speed and wind_from"
+            )
     else:
         replay = profile.driver.replay if profile.driver is not None else ReplaySpec()
         recording = read_log(path, profile.vehicle, replay, motion)

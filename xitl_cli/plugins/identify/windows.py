@@ -28,6 +28,8 @@ COMMAND_S = 0.02
 HISTORY_S = 2.0
 """Time before a window in which the actuators follow the commands, so that they begin it with their true speeds."""
 _STRIPS = 4
+_MOST_SAMPLES = 200
+"""Of a quantity in a window. Samples of longer windows are thinned, so that a fit costs no more with them."""
 _SMALLEST_STEP_S = 0.02 / 16
 NAMES = tuple(QUANTITIES)
 OF_POSITION = tuple(NAMES.index(name) for name in ("north", "east"))
@@ -103,7 +105,8 @@ def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None 
     samples = []
     for window, (number, begin_s) in enumerate(zip(numbers, start_s, strict=True)):
         for name, own in recordings[number].channels.items():
-            rows = slice(*np.searchsorted(own.time_s, (begin_s, begin_s + length_s - OUTPUT_S)))
+            first, last = np.searchsorted(own.time_s, (begin_s, begin_s + length_s - OUTPUT_S))
+            rows = slice(first, last, max(int(np.ceil((last - first) / _MOST_SAMPLES)), 1))
             count = len(own.time_s[rows])
             code = np.full(count, NAMES.index(name))
             samples.append((np.full(count, window), code, own.time_s[rows] - begin_s, own.values[rows]))

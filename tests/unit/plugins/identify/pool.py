@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
-from xitl_cli.plugins.identify.recording import Floats, Recording, channel
-from xitl_cli.plugins.identify.windows import HISTORY_S, OUTPUT_S, Simulator
+from xitl_cli.plugins.identify.recording import Floats, Recording, Samples, channel
+from xitl_cli.plugins.identify.windows import COMMAND_S, HISTORY_S, OUTPUT_S, Simulator
 from xitl_cli.profile import load_profile
 
 CURRENT_NE_MPS = (0.2, -0.15)
@@ -39,12 +40,24 @@ def steps(length_s: float, seed: int) -> tuple[Floats, Floats]:
     return at_s, np.clip(np.stack([throttle + steering, throttle - steering], axis=1), -1.0, 1.0)
 
 
-def pool_run(vessel: VesselSpec, length_s: float = 90.0, seed: int = 1, noise: float = 1.0) -> Recording:
+def gusts(length_s: float, seed: int) -> tuple[Samples, Samples]:
+    """Air from the north-west at 7 m/s on average, with a gust of 5 s every 20 s."""
+    time_s = np.arange(-HISTORY_S, length_s + 1.0, 0.2)
+    strength = 5.0 + 8.0 * (np.mod(time_s + 3.0 * seed, 20.0) < 5.0)
+    return Samples(time_s, -0.7 * strength), Samples(time_s, 0.7 * strength)
+
+
+def pool_run(
+    vessel: VesselSpec, length_s: float = 90.0, seed: int = 1, noise: float = 1.0, windy: bool = False
+) -> Recording:
     """Simulate a run in a current. noise: scale of the noise of 2 cm, 0.3 degrees and 0.3 degrees/s."""
     at_s, commands = steps(length_s, seed)
-    run = Recording("pool", {}, np.append(at_s, length_s), np.vstack([commands, commands[-1:]]))
+    wind = gusts(length_s, seed) if windy else None
+    run = Recording("pool", {}, np.append(at_s, length_s), np.vstack([commands, commands[-1:]]), wind)
     edges = np.arange(round((length_s + HISTORY_S) / 0.02) + 1) * 0.02 - HISTORY_S
-    motion = Simulator(Water()).motion(vessel, np.zeros((1, 4)), run.mean_commands(edges[None]), np.zeros((1, 1, 2)))[:, 0]
+    blowing = run.wind_at((np.arange(round(length_s / COMMAND_S)) + 0.5)[None] * COMMAND_S)
+    blowing -= windy * np.array(CURRENT_NE_MPS)  # relative to the water
+    motion = Simulator(Water()).motion(vessel, np.zeros((1, 4)), run.mean_commands(edges[None]), blowing)[:, 0]
     time_s = np.arange(len(motion)) * OUTPUT_S
     draw = np.random.default_rng(seed + 1000)
     white = noise * draw.standard_normal((len(motion), 4)) * [0.02, 0.02, np.radians(0.3), np.radians(0.3)]
@@ -52,7 +65,7 @@ def pool_run(vessel: VesselSpec, length_s: float = 90.0, seed: int = 1, noise: f
     values = np.column_stack([place, motion[:, 2], motion[:, 5]]) + white
     names = ("north", "east", "yaw", "yaw_rate")
     channels = {name: channel(time_s, column) for name, column in zip(names, values.T, strict=True)}
-    return Recording(f"pool-{seed}", channels, run.command_s, run.commands)  # type: ignore[arg-type]
+    return replace(run, source=f"pool-{seed}", channels=channels)  # type: ignore[arg-type]
 
 
 def write_table(recording: Recording, path: Path) -> Path:

@@ -54,13 +54,33 @@ def test_commands_of_a_table(tmp_path: Path, columns: Path) -> None:
     assert commands[0] == pytest.approx([np.sqrt(0.5), 0.05])
 
 
+def test_the_wind_of_a_table(tmp_path: Path, columns: Path) -> None:
+    text = "t,psi,x,y,r,left,right,speed,from\n"
+    text += "".join(f"{n},0,0,0,0,1500,1500,{5 + n},{359 + 2 * (n % 2)}\n" for n in range(30))
+    (tmp_path / "run.csv").write_text(text, encoding="utf-8")
+    wind = "wind_speed: {column: speed, unit: m/s}\nwind_from: {column: from, unit: deg}\n"
+    columns.write_text(COLUMNS + wind, encoding="utf-8")
+    blown = read_table(tmp_path / "run.csv", read_column_map(columns)).wind_at(np.array([[0.0, 1.0], [1.5, 2.0]]))
+    assert blown[0] == pytest.approx(np.array([[-5.0, 0.0873], [-6.0, -0.1047]]), abs=1e-3)  # from the north
+    assert blown[1, 0] == pytest.approx([-6.5, 0.0087], abs=1e-3)
+    columns.write_text(COLUMNS + wind.replace("unit: m/s", "unit: m/s, reversed: true"), encoding="utf-8")
+    with pytest.raises(UserError, match="column 'speed' has speeds from -34 to -5 m/s; correct the unit"):
+        read_table(tmp_path / "run.csv", read_column_map(columns))
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (("column: psi, unit: deg", "column: yaw, unit: deg"), "has no column 'yaw'; its columns are t, psi"),
         (("unit: deg/s", "unit: degrees"), "unit"),
         (("north: {column: x, unit: m}\n", ""), "north"),
+        (("psi, unit: deg", "psi, unit: m/s"), "yaw.unit = m/s is no unit of yaw; write rad or deg"),
+        (("yaw_rate:", "wind_from: {column: psi, unit: deg}\nyaw_rate:"), "wind_speed and wind_from belong together"),
         (("full: 1900", "full: 1500"), "equals neutral"),
+        (
+            ("neutral: 1500, full: 1900", "neutral: 0, full: 1"),
+            "100 % of column 'left' are beyond full (median 1597.2, neutral 0, full 1); correct neutral and full",
+        ),
     ],
 )
 def test_a_wrong_map(tmp_path: Path, columns: Path, change: tuple[str, str], words: str) -> None:

@@ -17,7 +17,8 @@ from xitl_cli.plugins.identify.fit import SHARED, fit
 from xitl_cli.plugins.identify.free_keys import free_keys, with_values
 from xitl_cli.plugins.identify.identification import Settings, identify, split
 from xitl_cli.plugins.identify.recording import Samples, check_recording
-from xitl_cli.plugins.identify.windows import Simulator, cut
+from xitl_cli.plugins.identify.windows import NAMES, Simulator, cut
+from xitl_cli.profile import load_profile
 
 FREE = ("added_mass.sway_kg", "added_mass.yaw_kgm2", "damping_linear.surge", "damping_linear.yaw")
 
@@ -35,6 +36,29 @@ def test_it_returns_the_values_that_the_boat_was_made_with() -> None:
         assert abs(key.value(x) - wanted) < 3.5 * error, (key.key, key.value(x), error)
     first = len(keys) + len(SHARED)
     assert result.x[first : first + 2] == pytest.approx(CURRENT_NE_MPS, abs=0.01)
+
+
+@pytest.mark.slow
+def test_measured_gusts_explain_the_motion_that_a_mean_wind_does_not() -> None:
+    true = boat()
+    keys = free_keys(true, ("damping_linear.surge", "damping_linear.yaw"), ())
+    run = pool_run(true, windy=True)
+    noise = {}
+    for source, own in (("measured", run), ("mean", replace(run, wind_ne_mps=None))):
+        result = fit(true, keys, cut([own], 10.0), Water())
+        noise[source] = result.noise["yaw"]
+        if source == "measured":
+            assert np.abs(result.x[: len(keys)]).max() < 0.05
+            assert result.nuisance(0)[-2:] == pytest.approx([-own for own in CURRENT_NE_MPS], abs=0.15)
+    assert noise["measured"] < 0.9 * noise["mean"]
+
+
+def test_long_windows_are_thinned() -> None:
+    run = pool_run(boat(), 90.0)
+    for length_s, wanted in ((10.0, 83), (60.0, 166)):  # of 8.3 samples a second: all of them, and every third
+        windows = cut([run], length_s)
+        counts = np.bincount(windows.window[windows.quantity == NAMES.index("north")])
+        assert counts == pytest.approx(wanted, abs=1), length_s
 
 
 @pytest.mark.slow
@@ -93,6 +117,21 @@ def test_keys() -> None:
     (both,) = free_keys(boat(), ("propellers.max_thrust_n",), ())
     changed = with_values(boat(), [both], np.array([np.log(2.0)]))
     assert [own.max_thrust_n for own in changed.propellers] == pytest.approx([18.52, 18.52])
+
+
+def test_signs_of_derivatives() -> None:
+    kvlcc2 = load_profile("vehicles/kvlcc2-l7").vehicle
+    assert kvlcc2 is not None
+    names = ("mmg.derivatives.N_vrr", "mmg.derivatives.Y_r", "mmg.derivatives.N_r", "mmg.r_0")
+    keys = free_keys(kvlcc2, names, ())
+    assert [key.signed for key in keys] == [True, True, False, False]
+    assert [key.value(-3.0) < 0.0 for key in keys] == [True, True, True, False]
+    for key in keys:
+        assert key.slope(0.3) * 1e-6 == pytest.approx(key.value(0.3 + 1e-6) - key.value(0.3), rel=1e-4)
+    assert {"mmg.m_y", "mmg.derivatives.N_v"} < {key.key for key in free_keys(kvlcc2, (), ())}
+    cybership2 = load_profile("vehicles/cybership2").vehicle
+    assert cybership2 is not None
+    assert {"derivatives.X_u", "derivatives.N_rdot"} < {key.key for key in free_keys(cybership2, (), ())}
 
 
 def test_what_a_recording_lacks() -> None:
