@@ -160,7 +160,8 @@ def _rate(has: Mapping[Quantity, Samples], name: Quantity, integral: Quantity, t
 
 _LEAST_S = 20.0
 _MOVING = 0.05
-_FACTOR = 2.0
+_FACTOR = 1.6  # between a right unit with noise, and knots
+_CHECK_STEP_S, _CHECKED_OVER = 0.5, 9
 _RECORD_OUTPUTS = "record RCOU (LOG_BITMASK bit 10, RC output) or SERVO_OUTPUT_RAW"
 
 
@@ -185,7 +186,7 @@ def check_recording(recording: Recording, commands: int) -> Recording:
             f"{source}: the commands change by {spread.max(initial=0.0):.3f} of full; record steps of thrust and "
             "turns, as the profile identify-excitation has them"
         )
-    _check_units(recording, np.arange(first_s + 1.0, last_s - 1.0, 0.5))
+    _check_units(recording, np.arange(first_s + 1.0, last_s - 1.0, _CHECK_STEP_S))
     return recording
 
 
@@ -194,17 +195,21 @@ def _check_units(recording: Recording, time_s: Floats) -> None:
     has = recording.channels
     if "yaw_rate" in has:
         slope = _rate({"yaw": has["yaw"]}, "yaw_rate", "yaw", time_s)
-        _compare(recording.source, "yaw_rate", "yaw", has["yaw_rate"].smooth(time_s), slope, 0.05)
+        _compare(recording.source, "yaw_rate", "yaw", has["yaw_rate"].smooth(time_s), slope, 0.02)
     if "north" in has and ("surge" in has or "vel_north" in has):
         motion = recording.motion_at(time_s)
         slopes = [_rate({at: has[at]}, name, at, time_s) for name, at in _OVER_GROUND]
         cos, sin = np.cos(motion[:, 2]), np.sin(motion[:, 2])
-        along = cos * slopes[0] + sin * slopes[1]
-        names = ("surge", "north, east and yaw") if "surge" in has else ("vel_north, vel_east", "north and east")
-        _compare(recording.source, *names, motion[:, 3], along, 0.2)
+        along, across = cos * slopes[0] + sin * slopes[1], cos * slopes[1] - sin * slopes[0]
+        of_body = "surge" in has
+        other = "north, east and yaw" if of_body else "north and east"
+        _compare(recording.source, "surge" if of_body else "vel_north, vel_east", other, motion[:, 3], along, 0.1)
+        _compare(recording.source, "sway" if of_body else "vel_north, vel_east", other, motion[:, 4], across, 0.1)
 
 
 def _compare(source: str, name: str, other: str, values: Floats, slope: Floats, least: float) -> None:
+    """Compare means over 4 s, in which noise of the integral is small. least: deviation that shows a difference."""
+    values, slope = (np.convolve(own, np.full(_CHECKED_OVER, 1.0 / _CHECKED_OVER), "valid") for own in (values, slope))
     if np.std(slope) < least and np.std(values) < least:
         return
     ratio = float(values @ slope / max(float(slope @ slope), 1e-12))
