@@ -485,24 +485,29 @@ def identification(workplace: Workplace, path: Path) -> None:
     figure(path, draw, panels=2)
 
 
-def real_boat(workplace: Workplace, path: Path) -> None:
-    """Errors of predictions of a real boat over the length of a window, from the table of docs/sim-to-real.md."""
+_MODELS = {"identified": BLUE, "shipped": GREEN, "first": GREEN, "authors": RED, "linear": AMBER, "persistence": GREY}
+
+
+def real_boat(workplace: Workplace, path: Path, section: str = "BlueBoat") -> None:
+    """Errors of predictions of a real boat over the length of a window, from a table of docs/sim-to-real.md."""
     page = (Path(__file__).parents[2] / "docs/sim-to-real.md").read_text(encoding="utf-8")
+    own_section = page.split(f"\n## {section}\n")[1].split("\n## ")[0]
     errors: dict[str, list[tuple[float, ...]]] = {}
     window_s = 0.0
-    for row in re.findall(r"^\|((?:[^|\n]*\|){7})$", page, re.MULTILINE):
+    for row in re.findall(r"^\|((?:[^|\n]*\|){7})$", own_section, re.MULTILINE):
         window, model, *cells = [cell.strip() for cell in row.split("|")[:7]]
-        if model in ("identified", "shipped", "linear", "persistence"):
+        if model in _MODELS:
             window_s = float(window.removesuffix(" s")) if window else window_s
             errors.setdefault(model, []).append((window_s, *map(float, cells)))
 
     def draw(axes: Any) -> None:
         for own, column, label in ((axes[0], 1, "error of surge (m/s)"), (axes[1], 3, "error of yaw rate (rad/s)")):
-            for (model, rows), colour in zip(errors.items(), (BLUE, GREEN, AMBER, GREY), strict=True):
+            for model, rows in errors.items():
                 points = np.array(rows)
-                own.plot(points[:, 0], points[:, column], "o-", color=colour, label=model)
+                own.plot(points[:, 0], points[:, column], "o-", color=_MODELS[model], label=model)
+            lengths = [f"{length:g}" for length in points[:, 0]]
             own.set(xlabel="length of the prediction (s)", ylabel=label, xscale="log", ylim=(0.0, None))
-            own.set_xticks([1, 5, 10, 30], ["1", "5", "10", "30"])
+            own.set_xticks(points[:, 0], lengths)
             own.minorticks_off()
         axes[0].legend(frameon=False, fontsize=9)
 

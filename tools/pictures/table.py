@@ -72,5 +72,6 @@ PICTURES: dict[str, Maker] = {
     "learning.png": plots.learning,
     "identify.png": plots.identification,
     "sim-to-real.png": plots.real_boat,
+    "sim-to-real-esso-osaka.png": lambda workplace, path: plots.real_boat(workplace, path, "Esso Osaka"),
     "twin.png": plots.twin,
 }

@@ -25,6 +25,21 @@ commands:
   - {column: right, neutral: 1500, full: 1900}
 """
 
+SHIP_COLUMNS = """\
+time: {column: "t [s]", unit: s}
+yaw: {column: "psi [rad]", unit: rad}
+north: {column: "x0 [m]", unit: m}
+east: {column: "y0 [m]", unit: m}
+surge: {column: "u [kn]", unit: kn}
+sway: {column: "v [kn]", unit: kn}
+yaw_rate: {column: "r [rad/s]", unit: rad/s}
+wind_speed: {column: "wind [m/s]", unit: m/s}
+wind_from: {column: "wind from [deg]", unit: deg}
+commands:
+  - {column: "n [rps]", full: 10.4}
+  - {column: "delta [deg]", full: 35}
+"""
+
 
 def boat() -> VesselSpec:
     vehicle = load_profile("vehicles/asv-third").vehicle
@@ -77,4 +92,28 @@ def write_table(recording: Recording, path: Path) -> Path:
     columns = [time_s, np.degrees(has["yaw"].at(time_s)), has["north"].at(time_s), has["east"].at(time_s)]
     columns += [np.degrees(has["yaw_rate"].at(time_s)), *(1500.0 + 400.0 * recording.commands[held]).T]
     np.savetxt(path, np.column_stack(columns), delimiter=",", header="t,psi,x,y,r,left,right", comments="", fmt="%.6f")
+    return path
+
+
+def write_ship_table(vessel: VesselSpec, path: Path, length_s: float, seed: int) -> Path:
+    """Write a run of a ship with one rudder in gusts, with the columns of SHIP_COLUMNS, 10 rows a second."""
+    draw = np.random.default_rng(seed)
+    at_s = np.arange(0.0, length_s, 12.0)
+    commands = np.column_stack([draw.uniform(0.4, 1.0, len(at_s)), draw.uniform(-1.0, 1.0, len(at_s))])
+    wind = gusts(length_s, seed)
+    run = Recording("ship", {}, np.append(at_s, length_s), np.vstack([commands, commands[-1:]]), wind)
+    edges = np.arange(round((length_s + HISTORY_S) / COMMAND_S) + 1) * COMMAND_S - HISTORY_S
+    blowing = run.wind_at((np.arange(round(length_s / COMMAND_S)) + 0.5)[None] * COMMAND_S)
+    start = np.array([[0.5, 0.9, 0.0, 0.0]])
+    motion = Simulator(Water(density_kgpm3=1000)).motion(vessel, start, run.mean_commands(edges[None]), blowing)[:, 0]
+    rows = np.arange(0.0, length_s, 0.1)
+    x, y, psi, north, east, r = np.array([np.interp(rows, np.arange(len(motion)) * OUTPUT_S, own) for own in motion.T])
+    knots = np.array([np.cos(psi) * north + np.sin(psi) * east, np.cos(psi) * east - np.sin(psi) * north]) * 3600 / 1852
+    white = draw.standard_normal((6, len(rows))) * np.array([[0.01, 0.01, 0.001, 0.01, 0.01, 0.001]]).T
+    air = run.wind_at(rows)
+    blown = [np.hypot(*air.T), np.degrees(np.arctan2(-air[:, 1], -air[:, 0])) % 360.0]
+    held = commands[np.searchsorted(at_s, rows, side="right") - 1] * [10.4, 35.0]
+    table = np.column_stack([rows, *(np.array([psi, x, y, *knots, r]) + white[[2, 0, 1, 3, 4, 5]]), *blown, held])
+    header = ",".join(line.split('"')[1] for line in SHIP_COLUMNS.splitlines() if '"' in line)
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.6f")
     return path

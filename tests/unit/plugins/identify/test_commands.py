@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pool import COLUMNS, boat, pool_run, write_table
+from pool import COLUMNS, SHIP_COLUMNS, boat, pool_run, write_ship_table, write_table
 
 pytest.importorskip("scipy")
 
@@ -125,6 +125,25 @@ def test_a_file_of_the_vehicle_and_a_page(
     assert "Root mean square errors on the tested logs" in page.read_text(encoding="utf-8")
     assert identify(monkeypatch, *arguments, *changed) == 2
     assert "mine.yaml exists" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_ship_with_revolutions_rudder_and_wind_in_its_table(
+    tmp_path: Path, columns: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kvlcc2 = load_profile("vehicles/kvlcc2-l7").vehicle
+    assert kvlcc2 is not None
+    assert kvlcc2.mmg is not None
+    columns.write_text(SHIP_COLUMNS, encoding="utf-8")
+    table = write_ship_table(kvlcc2, tmp_path / "ship.csv", 400.0, 4)
+    true = {f"mmg.derivatives.{name}": kvlcc2.mmg.derivatives[name] for name in ("N_v", "N_r")}
+    true["mmg.r_0"] = kvlcc2.mmg.r_0
+    changed = [part for key, value in true.items() for part in ("--set", f"vehicle.{key}={1.3 * value}", "--free", key)]
+    arguments = ("vessel", table, "--columns", columns, "--vehicle", "vehicles/kvlcc2-l7", "--window", "30")
+    assert identify(monkeypatch, *arguments, "--no-wind", *changed, "--json") == 0
+    keys = json.loads(capsys.readouterr().out)["keys"]
+    for key, value in true.items():
+        assert keys[key]["value"] == pytest.approx(value, rel=0.05), key
 
 
 def test_a_table_without_a_map(
