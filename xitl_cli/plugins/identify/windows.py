@@ -70,8 +70,8 @@ class Windows:
     def wind(self) -> Floats:
         """Return the measured velocity of the air in the middle of each step of the commands, (W, steps, 2)."""
         middles = (np.arange(round(self.length_s / COMMAND_S)) + 0.5) * COMMAND_S
-        parts = [own.wind_at(self.start_s[self.of == number, None] + middles) for number, own in enumerate(self.recordings)]
-        return np.concatenate(parts)
+        times_s = self.start_s[:, None] + middles
+        return np.concatenate([own.wind_at(times_s[self.of == number]) for number, own in enumerate(self.recordings)])
 
     def starts(self) -> Floats:
         """Return the measured motion at the start of each window, (W, 6)."""

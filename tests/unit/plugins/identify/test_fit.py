@@ -95,7 +95,8 @@ def test_four_strips_hold_a_boat_in_still_water_as_many_do() -> None:
     hull = boat().hull
     assert hull is not None
     fewest = replace(boat(), hull=replace(hull, strips=4))
-    assert few == pytest.approx(Simulator(Water()).motion(fewest, start, commands, np.zeros((1, 1, 2)))[-1, 0], abs=1e-9)
+    motion = Simulator(Water()).motion(fewest, start, commands, np.zeros((1, 1, 2)))
+    assert few == pytest.approx(motion[-1, 0], abs=1e-9)
     assert MotionStep is not None
     assert few[3:] == pytest.approx(full_motion(commands, start), abs=5e-3)
 
