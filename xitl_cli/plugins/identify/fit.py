@@ -167,7 +167,12 @@ class _Problem:
         begin = np.tile(self.starts[:, 2:], (1 + len(_STEPS), 1))
         for number, step in enumerate(_STEPS, start=1):
             begin[number * count : (number + 1) * count, number - 1] += step
-        motion = self._motion(x, begin)
+        try:
+            motion = self._motion(x, begin)
+        except UserError:
+            if not x.any():
+                raise
+            motion = np.full((2, len(begin), 6), np.nan)  # a step to values that no vessel has is taken back
         parts = [motion[:, number * count : (number + 1) * count] for number in range(1 + len(_STEPS))]
         base = self._measured(parts[0], x)
         base = np.where(np.isfinite(base), base, _FAR)  # a step that makes the motion diverge is taken back

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from sim_core.keys import SpecificationError
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.recording import Floats
@@ -139,10 +138,10 @@ def with_values(vessel: VesselSpec, keys: Sequence[FreeKey], x: Floats) -> Vesse
         for key, own in zip(keys, x, strict=True):
             for path in key.paths:
                 vessel = _replaced(vessel, path, key.value(float(own)))
-    except SpecificationError as error:
+    except ValueError as error:
         values = ", ".join(f"{key.key} = {key.value(float(own)):.3g}" for key, own in zip(keys, x, strict=True))
         raise UserError(
-            f"the model cannot follow these logs: at {values}, vehicle {error.text}; "
+            f"the model cannot follow these logs: at {values}, {error}; "
             "free fewer keys, or begin with other values"
         ) from None
     return vessel

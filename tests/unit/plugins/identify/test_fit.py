@@ -135,6 +135,14 @@ def test_signs_of_derivatives() -> None:
     assert {"derivatives.X_u", "derivatives.N_rdot"} < {key.key for key in free_keys(cybership2, (), ())}
 
 
+def test_values_that_no_vessel_has_are_one_sentence() -> None:
+    kvlcc2 = load_profile("vehicles/kvlcc2-l7").vehicle
+    assert kvlcc2 is not None
+    keys = free_keys(kvlcc2, ("propellers.open_water.reverse_share",), ())
+    with pytest.raises(UserError, match=r"cannot follow these logs: at .*reverse_share = 1.9, .* use a value of at most"):
+        with_values(kvlcc2, keys, np.array([1.0]))
+
+
 def test_what_a_recording_lacks() -> None:
     run = pool_run(boat(), 30.0)
     with pytest.raises(UserError, match="has 2 commands, but the vehicle takes 3"):
