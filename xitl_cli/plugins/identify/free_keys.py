@@ -141,8 +141,7 @@ def with_values(vessel: VesselSpec, keys: Sequence[FreeKey], x: Floats) -> Vesse
     except ValueError as error:
         values = ", ".join(f"{key.key} = {key.value(float(own)):.3g}" for key, own in zip(keys, x, strict=True))
         raise UserError(
-            f"the model cannot follow these logs: at {values}, {error}; "
-            "free fewer keys, or begin with other values"
+            f"the model cannot follow these logs: at {values}, {error}; free fewer keys, or begin with other values"
         ) from None
     return vessel
 

@@ -57,6 +57,16 @@ def findings(result: Identification) -> list[Finding]:
         )
         for first, second, value in result.correlated
     ]
+    if errors := _no_better_than_persistence(result):
+        found.append(
+            Finding.warning(
+                "identify.persistence",
+                f"a boat that keeps its velocity predicts as well: {errors[0]:.3g} m/s in surge and "
+                f"{errors[2]:.3g} rad/s in yaw rate after 5 s, by the vehicle",
+                (),
+                "Check order, sign and neutral of the outputs and angles; record faster manoeuvres.",
+            )
+        )
     found += [
         Finding.warning(
             "identify.linear",
@@ -67,6 +77,15 @@ def findings(result: Identification) -> list[Finding]:
         for motion, own, line in _worse_than_linear(result)
     ]
     return found
+
+
+def _no_better_than_persistence(result: Identification) -> tuple[float, ...]:
+    """Return the vehicle's errors over 5 s if they are not clearly below those of a boat that keeps its velocity."""
+    errors = {own.model: own.errors for own in result.scores if own.horizon_s == _COMPARED_S}
+    if not errors:
+        return ()
+    pairs = zip(errors["identified"][:3], errors["persistence"][:3], strict=True)
+    return () if any(own < _CLEARLY * kept for own, kept in pairs) else errors["identified"]
 
 
 def _worse_than_linear(result: Identification) -> list[tuple[str, float, float]]:

@@ -15,6 +15,8 @@ pytest.importorskip("scipy")
 
 from xitl_cli.errors import UserError
 from xitl_cli.main import main
+from xitl_cli.plugins.identify.identification_page import findings
+from xitl_cli.plugins.identify.prediction import Score
 from xitl_cli.plugins.identify.sensors import SensorEstimate, SensorValue, sensors_text
 from xitl_cli.plugins.identify.table_recording import read_column_map, read_table
 from xitl_cli.profile import load_profile, load_with_origins
@@ -144,6 +146,17 @@ def test_a_ship_with_revolutions_rudder_and_wind_in_its_table(
     keys = json.loads(capsys.readouterr().out)["keys"]
     for key, value in true.items():
         assert keys[key]["value"] == pytest.approx(value, rel=0.05), key
+
+
+def test_a_vehicle_that_predicts_no_better_than_persistence() -> None:
+    def found(surge: float) -> list[str]:
+        errors = {"identified": (surge, 0.1, 0.1), "linear": (0.2, 0.1, 0.1), "persistence": (0.2, 0.1, 0.1)}
+        own = tuple(Score(model, 5.0, 9, (*values, 1.0, 1.0)) for model, values in errors.items())
+        result = SimpleNamespace(keys=(), correlated=(), scores=own)
+        return [finding.sentence for finding in findings(result)]  # type: ignore[arg-type]
+
+    assert found(0.1) == []
+    assert "a boat that keeps its velocity predicts as well: 0.19 m/s" in found(0.19)[0]
 
 
 def test_a_table_without_a_map(

@@ -139,7 +139,9 @@ def test_values_that_no_vessel_has_are_one_sentence() -> None:
     kvlcc2 = load_profile("vehicles/kvlcc2-l7").vehicle
     assert kvlcc2 is not None
     keys = free_keys(kvlcc2, ("propellers.open_water.reverse_share",), ())
-    with pytest.raises(UserError, match=r"cannot follow these logs: at .*reverse_share = 1.9, .* use a value of at most"):
+    with pytest.raises(
+        UserError, match=r"cannot follow these logs: at .*reverse_share = 1.9, .* use a value of at most"
+    ):
         with_values(kvlcc2, keys, np.array([1.0]))
 
 
