@@ -181,9 +181,8 @@ def _command(path: Path, table: dict[str, list[str]], spec: CommandSpec) -> Floa
     share = np.where(offset * full >= 0.0, offset / full, -offset / astern)
     if (beyond := np.mean(np.abs(share) > _BEYOND_FULL)) > 0.5:
         raise UserError(
-            f"{path}: {100.0 * beyond:.0f} % of column {spec.column!r} are beyond full "
-            f"(median {np.nanmedian(values):g}, "
-            f"neutral {spec.neutral:g}, full {spec.full:g}); correct neutral and full of this command"
+            f"{path}: {100.0 * beyond:.0f} % of column {spec.column!r} are beyond full (median "
+            f"{np.nanmedian(values):g}, neutral {spec.neutral:g}, full {spec.full:g}); correct neutral and full of this command"
         )
     share = np.clip(share, -1.0, 1.0)
     return np.sign(share) * np.sqrt(np.abs(share)) if spec.law == "thrust" else share

@@ -28,7 +28,7 @@ COMMAND_S = 0.02
 HISTORY_S = 2.0
 """Time before a window in which the actuators follow the commands, so that they begin it with their true speeds."""
 _STRIPS = 4
-_MOST_SAMPLES = 200
+_MOST_SAMPLES = 250
 """Of a quantity in a window. Samples of longer windows are thinned, so that a fit costs no more with them."""
 _SMALLEST_STEP_S = 0.02 / 16
 NAMES = tuple(QUANTITIES)

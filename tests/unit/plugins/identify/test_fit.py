@@ -55,7 +55,7 @@ def test_measured_gusts_explain_the_motion_that_a_mean_wind_does_not() -> None:
 
 def test_long_windows_are_thinned() -> None:
     run = pool_run(boat(), 90.0)
-    for length_s, wanted in ((10.0, 83), (60.0, 166)):  # of 8.3 samples a second: all of them, and every third
+    for length_s, wanted in ((10.0, 83), (60.0, 249)):  # of 8.3 samples a second: all of them, and every second
         windows = cut([run], length_s)
         counts = np.bincount(windows.window[windows.quantity == NAMES.index("north")])
         assert counts == pytest.approx(wanted, abs=1), length_s
