@@ -182,7 +182,8 @@ def _command(path: Path, table: dict[str, list[str]], spec: CommandSpec) -> Floa
     if (beyond := np.mean(np.abs(share) > _BEYOND_FULL)) > 0.5:
         raise UserError(
             f"{path}: {100.0 * beyond:.0f} % of column {spec.column!r} are beyond full (median "
-            f"{np.nanmedian(values):g}, neutral {spec.neutral:g}, full {spec.full:g}); correct neutral and full of this command"
+            f"{np.nanmedian(values):g}, neutral {spec.neutral:g}, full {spec.full:g}); "
+            "correct neutral and full of this command"
         )
     share = np.clip(share, -1.0, 1.0)
     return np.sign(share) * np.sqrt(np.abs(share)) if spec.law == "thrust" else share
