@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from sim_core.frames import Array
 from sim_core.keys import SpecificationError
 from sim_core.mesh_file import MeshFileError, read_triangles
-from sim_core.vessel.spec import DemiHull, HullMesh, HullSection
+from sim_core.vessel.spec import DemiHull, HullMesh, HullSection, VisualMesh
 
 ROUND_CORNERS = 32
 """Corners of the polygon that replaces a round section. It has the area of the circle and is 0.16 % less deep."""
 _WITHIN = 1e-6  # the end cuts of a mesh are inside its ends by this share of its length
+VISUAL_SIZE = 4.0
+"""Largest ratio of the length of a drawn mesh to the vessel's length, either way: finds a mesh without a scale."""
 MESH_SHARE, MESH_LENGTH_SHARE = 0.05, 0.2
 """Largest difference between a mesh's size and its keys. The waterline may be shorter than the mesh."""
 
@@ -87,6 +89,26 @@ def hull_shape(hull: DemiHull) -> HullShape:
         ]
     faces.append(faces[0][:, ::-1] + (len(rings) - 1) * count)
     return HullShape(np.concatenate(rings) + hull.keel_frd_m, np.concatenate(faces).astype(int32))
+
+
+def visual_shape(visual: VisualMesh, length_m: float) -> HullShape:
+    """Return the mesh that is drawn for a vessel of this length, in body axes.
+
+    Raises:
+        SpecificationError: the mesh is not available, has holes or encloses nothing, or its size does not fit.
+    """
+    try:
+        vertices, faces = _closed_mesh(visual, _modified_ns(visual.file))
+    except MeshFileError as error:
+        raise SpecificationError(("visual", "file"), f"= {visual.file} {error}") from error
+    drawn_m = float(np.ptp(vertices, axis=0).max())
+    if not length_m / VISUAL_SIZE <= drawn_m <= length_m * VISUAL_SIZE:
+        raise SpecificationError(
+            ("visual", "scale"),
+            f"= {visual.scale:g} makes {visual.file} {drawn_m:.3g} m long, and the vessel is {length_m:.3g} m long; "
+            f"use {visual.scale * length_m / drawn_m:.2g}, or the unit of the mesh, such as 0.001 for millimetres",
+        )
+    return HullShape(vertices + visual.origin_frd_m, faces)
 
 
 def section_corners_m(section: HullSection) -> Array:
@@ -163,9 +185,8 @@ def _mesh_strips(hull: DemiHull) -> HullStrips:
 def _placed_mesh(hull: DemiHull) -> HullShape:
     """Return the mesh with the middle of its lowest line at the hull's keel."""
     assert hull.mesh is not None
-    path = Path(hull.mesh.file)
-    stamp = path.stat().st_mtime_ns if path.is_file() else 0
-    vertices, faces = _closed_mesh(hull.mesh, stamp)
+    path = hull.mesh.file
+    vertices, faces = _closed_mesh(hull.mesh, _modified_ns(path))
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     size_m = high - low
     for key, given_m, short, axis in (
@@ -184,8 +205,13 @@ def _placed_mesh(hull: DemiHull) -> HullShape:
     return HullShape(vertices - lowest + hull.keel_frd_m, faces)
 
 
+def _modified_ns(file: str) -> int:
+    path = Path(file)
+    return path.stat().st_mtime_ns if path.is_file() else 0
+
+
 @lru_cache(maxsize=16)
-def _closed_mesh(mesh: HullMesh, stamp_ns: int) -> tuple[Array, NDArray[int32]]:
+def _closed_mesh(mesh: HullMesh | VisualMesh, stamp_ns: int) -> tuple[Array, NDArray[int32]]:
     """Return vertices in FRD about the mesh's origin, and faces that point outward."""
     vertices, faces = read_triangles(Path(mesh.file))
     if not len(faces):

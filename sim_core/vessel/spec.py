@@ -76,6 +76,19 @@ class HullMesh(Specification):
     ] = 32
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VisualMesh(Specification):
+    """A closed mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB) that is drawn instead of the vessel's generated shape.
+
+    It has no effect on forces. Views, pictures, Foxglove and cameras draw it, with the vessel's propellers.
+    """
+
+    file: Annotated[str, "path relative to the profile"]
+    axes: Annotated[Literal["flu", "frd"], "axes of the mesh: x forward, y left, z up; or y right, z down"] = "flu"
+    scale: Annotated[Positive, "metres per unit of the mesh"] = 1.0
+    origin_frd_m: Annotated[Vector, "position of the mesh's origin from the body's origin"] = (0.0, 0.0, 0.0)
+
+
 def _check_rising(path: tuple[str, ...], values: list[float], which: str) -> None:
     for before, after in pairwise(values):
         if after <= before:
@@ -515,6 +528,7 @@ class VesselSpec(Specification):
     centre_of_gravity_frd_m: Annotated[Vector, "position from the body's origin"] = (0.0, 0.0, 0.0)
     hull: Annotated[Hull | None, "a catamaran with two round hulls; null: `hulls` is used"] = None
     hulls: Annotated[tuple[DemiHull, ...], Items(0, 100), "any other hulls, instead of `hull`"] = ()
+    visual: Annotated[VisualMesh | None, "null: a shape that follows from the other keys is drawn"] = None
     hydrodynamics_file: Annotated[
         str | None,
         "wave forces and mean drift of a panel code, written by `xitl vehicle hydrodynamics`: path relative to the "

@@ -33,6 +33,7 @@ _ANY_FILE: tuple[KeyPath, ...] = (
     ("autopilot", "link_key_file"),
     ("environment", "water", "tide", "file"),
     ("vehicle", "hydrodynamics_file"),
+    ("vehicle", "visual", "file"),
 )
 
 _FILES_IN_LISTS: tuple[tuple[KeyPath, KeyPath, tuple[str, ...]], ...] = (

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy import float64
 from numpy.typing import NDArray
 
+from sim_core.environment.spec import Water
 from sim_core.frames import Array
-from sim_core.vessel.sections import hull_shape
 from sim_core.vessel.spec import VesselSpec
 from sim_core.world.debris import BodyKind
-from sim_core.world.geometry import STEEL, UPRIGHT, Mesh, box, cylinder, moved, sphere
+from sim_core.world.geometry import Mesh, moved
 from sim_core.world.rays import ScenePart
 from sim_core.world.river import RiverBed
 from xitl_cli.plugins.cameras.images import ObjectClass
-from xitl_cli.run.world.scene import BODY_COLOURS, MATERIAL_COLOURS
+from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS
+from xitl_cli.run.world.vessel_shape import (
+    VesselPart,
+    drawn_diameter_m,
+    heading_of,
+    propeller_mesh,
+    vessel_parts,
+)
 from xitl_cli.scenery import Scenery
 
 VERTEX = np.dtype(
@@ -58,11 +64,9 @@ _PART_CLASSES = {
     "boom pile": ObjectClass.OTHER,
     "building": ObjectClass.BUILDING,
 }
-WHITE, DARK, ORANGE, RED = (0.90, 0.91, 0.92), (0.10, 0.11, 0.12), (0.95, 0.40, 0.06), (0.45, 0.06, 0.05)
-
-WHITE_LIGHT, RED_LIGHT, GREEN_LIGHT = (1.0, 0.98, 0.9), (1.0, 0.1, 0.08), (0.1, 1.0, 0.3)
 LIGHT = -1.0
 """Pattern of a lamp."""
+_PAINT_PATTERNS = {"deck": 0.3, "white light": LIGHT, "red light": LIGHT, "green light": LIGHT}
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +156,7 @@ def world_model(scenery: Scenery, lowest_tide_m: float = 0.0) -> TriangleModel:
         if kind is ObjectClass.BOOM and part.name == "log boom":
             axis = _long_axis(points)
             rotation = np.column_stack([axis, [-axis[1], axis[0], 0.0], [0.0, 0.0, 1.0]])
-        colour = ORANGE if part.name == "log boom" else None
+        colour = PAINTS["boom"] if part.name == "log boom" else None
         vertices.append(_of_mesh(part.mesh, kind, len(objects), colour))
         objects.append(_object(name, kind, points, rotation))
     joined = np.concatenate(vertices) if vertices else np.zeros(0, VERTEX)
@@ -174,107 +178,20 @@ def _long_axis(points_m: Array) -> Array:
 def body_model(name: str, mesh: Mesh, kind: BodyKind | None) -> TriangleModel:
     """Return a drifting body, or another hull (None), in its axes: forward, right, down."""
     shown = ObjectClass.VESSEL if kind is None else ObjectClass.DEBRIS
-    colour = WHITE if kind is None else BODY_COLOURS[kind]
+    colour = PAINTS["hull"] if kind is None else BODY_COLOURS[kind]
     return TriangleModel(_of_mesh(mesh, shown, 0, colour), (_object(name, shown, mesh.vertices_m),))
 
 
-def vessel_model(vehicle: VesselSpec, name: str, kind: ObjectClass = ObjectClass.VESSEL) -> TriangleModel:
-    """Return a vessel in its axes, FRD: hulls, deck, mast with lights, propellers with guards, rudders.
-
-    The parts above the deck are chosen: a profile does not describe them.
-    """
-    pieces: list[tuple[Mesh, Sequence[float], float]] = []
-    for hull in vehicle.demi_hulls:
-        shape = hull_shape(hull)
-        pieces.append((Mesh(np.asarray(shape.vertices_m), np.asarray(shape.faces), STEEL), WHITE, 0.05))
-    hulls = vehicle.demi_hulls
-    top_m = max(hull.keel_frd_m[2] - hull.height_m for hull in hulls)  # the lowest deck, down
-    ahead_m, length_m, beam_m = vehicle.midship_frd_x_m, vehicle.length_m, vehicle.width_m
-    scale_m = min(length_m, 8.0)
-    if len(hulls) > 1:
-        sides = [hull.keel_frd_m[1] for hull in hulls]
-        wide_m, deck_m = max(sides) - min(sides), 0.035 * scale_m
-        middle_m = 0.5 * (max(sides) + min(sides))
-        pieces.append((moved(box((0.55 * length_m, wide_m, deck_m), STEEL), (ahead_m, middle_m, top_m)), DARK, 0.3))
-        for share in (-0.33, 0.33):
-            beam = box((0.04 * length_m, wide_m, deck_m), STEEL)
-            pieces.append((moved(beam, (ahead_m + share * length_m, middle_m, top_m + 0.5 * deck_m)), DARK, 0.1))
-        top_m -= 0.5 * deck_m
-    house = (0.22 * scale_m, 0.3 * min(beam_m, 0.6 * scale_m), 0.09 * scale_m)
-    place = (ahead_m - 0.05 * length_m, 0.0, top_m - 0.5 * house[2])
-    pieces.append((moved(box(house, STEEL), place), ORANGE, 0.05))
-    mast_m = 0.34 * scale_m
-    foot = (place[0] - 0.2 * house[0], 0.0, top_m - house[2])
-    pieces.append(
-        (moved(cylinder(0.008 * scale_m, mast_m, STEEL, 8), (foot[0], 0.0, foot[2] - mast_m / 2), UPRIGHT), DARK, 0.0)
-    )
-    antenna = moved(cylinder(0.03 * scale_m, 0.02 * scale_m, STEEL, 12), (foot[0], 0.0, foot[2] - mast_m), UPRIGHT)
-    pieces.append((antenna, WHITE, 0.0))
-    # Navigation lights (COLREG rule 23 for a power-driven vessel under 12 m: white all round, sidelights)
-    radius_m = 0.012 * scale_m
-    side_m, bow_m = 0.5 * house[1], place[0] + 0.5 * house[0]
-    for at, colour in (
-        ((foot[0], 0.0, foot[2] - mast_m - 2.0 * radius_m), WHITE_LIGHT),
-        ((bow_m, -side_m, top_m - house[2]), RED_LIGHT),
-        ((bow_m, side_m, top_m - house[2]), GREEN_LIGHT),
-    ):
-        pieces.append((moved(sphere(radius_m, STEEL, 8, 4), at), colour, LIGHT))
+def vessel_model(
+    vehicle: VesselSpec, water: Water, name: str, kind: ObjectClass = ObjectClass.VESSEL
+) -> TriangleModel:
+    """Return a vessel in its axes, FRD: the parts of `vessel_parts`, and propellers."""
+    parts = list(vessel_parts(vehicle, water))
     for propeller in vehicle.propellers:
-        forward, right, down = propeller.position_frd_m
-        curve = propeller.open_water
-        guess_m = (0.25 if propeller.medium == "air" else 0.08) * length_m
-        radius_m = 0.5 * (curve.diameter_m if curve is not None else propeller.diameter_m or guess_m)
-        turn = _about_down(math.radians(propeller.angle_deg))
-        for part in _propeller(radius_m):
-            pieces.append((moved(part, (forward, right, down), turn), DARK, 0.0))
-        if propeller.medium == "air":
-            stand_m = max(top_m - down, 0.0)
-            stand = box((0.05 * radius_m, 0.08 * radius_m, stand_m), STEEL)
-            pieces.append((moved(stand, (forward, right, down + stand_m / 2)), DARK, 0.0))
-    for rudder in vehicle.rudders:
-        chord_m = math.sqrt(rudder.area_m2 / rudder.aspect_ratio)
-        blade = box((chord_m, 0.12 * chord_m, rudder.aspect_ratio * chord_m), STEEL)
-        pieces.append((moved(blade, rudder.position_frd_m), RED, 0.0))
-    vertices = np.concatenate([triangles(mesh, colour, kind, 0, pattern) for mesh, colour, pattern in pieces])
-    corners = np.concatenate([mesh.vertices_m for mesh, _, _ in pieces])
+        drawn = propeller_mesh(drawn_diameter_m(propeller, vehicle.length_m))
+        parts.append(VesselPart("metal", moved(drawn, propeller.position_frd_m, heading_of(propeller))))
+    vertices = np.concatenate(
+        [triangles(part.mesh, PAINTS[part.paint], kind, 0, _PAINT_PATTERNS.get(part.paint, 0.05)) for part in parts]
+    )
+    corners = np.concatenate([part.mesh.vertices_m for part in parts])
     return TriangleModel(vertices, (_object(name, kind, corners),))
-
-
-def _propeller(radius_m: float) -> Iterator[Mesh]:
-    """Yield guard, hub and blades of a propeller that turns about x."""
-    thick, deep = 0.05 * radius_m, 0.12 * radius_m
-    yield _ring(radius_m, radius_m - thick, 0.5 * deep)
-    yield cylinder(0.12 * radius_m, 0.5 * radius_m, STEEL, 10)
-    for number in range(3):
-        blade = box((0.04 * radius_m, 0.14 * radius_m, 0.88 * radius_m), STEEL)
-        lifted = moved(blade, (0.0, 0.0, -0.44 * radius_m))
-        yield moved(lifted, (0.0, 0.0, 0.0), _about_ahead(number * 2.0 * math.pi / 3.0))
-
-
-def _ring(outer_m: float, inner_m: float, half_m: float, sides: int = 24) -> Mesh:
-    """Return a ring about x between two radii, from -half_m to half_m."""
-    turn = 2.0 * math.pi * np.arange(sides) / sides
-    rings = [
-        np.column_stack([np.full(sides, x), radius * np.cos(turn), radius * np.sin(turn)])
-        for x, radius in ((-half_m, inner_m), (-half_m, outer_m), (half_m, outer_m), (half_m, inner_m))
-    ]
-    here = np.arange(sides)
-    following = (here + 1) % sides
-    faces = []
-    for ring in range(4):
-        low, high = ring * sides, (ring + 1) % 4 * sides
-        faces += [
-            np.column_stack([low + here, low + following, high + here]),
-            np.column_stack([low + following, high + following, high + here]),
-        ]
-    return Mesh(np.concatenate(rings), np.concatenate(faces).astype(np.int32), STEEL)
-
-
-def _about_down(angle_rad: float) -> Array:
-    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _about_ahead(angle_rad: float) -> Array:
-    cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])

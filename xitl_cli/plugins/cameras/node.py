@@ -157,7 +157,9 @@ class CameraNode(RunNode):
         vessel = context.profile.vessel or context.profile.name
         self._models = {
             WORLD: world_model(context.scenery, context.plant.simulation.environment.tide.bounds_m[0]),
-            OWN: vessel_model(context.profile.vehicle, vessel, ObjectClass.OWN_VESSEL),
+            OWN: vessel_model(
+                context.profile.vehicle, context.profile.environment.water, vessel, ObjectClass.OWN_VESSEL
+            ),
         }
         self._studio.start(self._models, still=(WORLD,))
 

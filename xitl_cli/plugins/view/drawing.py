@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_core.frames import quat_multiply
+from sim_core.frames import frd_to_flu, quat_multiply
 from xitl_cli.plugins.view import shapes
 from xitl_cli.plugins.view.model import (
     Array,
@@ -33,6 +33,7 @@ from xitl_cli.plugins.view.model import (
 )
 from xitl_cli.plugins.view.scene import plain_vessel
 from xitl_cli.plugins.view.shapes import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
+from xitl_cli.run.world.vessel_shape import propeller_mesh
 
 if TYPE_CHECKING:
     import viser
@@ -333,7 +334,8 @@ class _VesselDrawing:
             _add_mesh(api, f"{self._path}/{number}", mesh)
         self._propellers = []
         for number, thruster in enumerate(vessel.thrusters):
-            turning = shapes.propeller(thruster.diameter_m).mesh("propeller", (45, 48, 54))
+            drawn = propeller_mesh(thruster.diameter_m)
+            turning = shapes.geometry(frd_to_flu(drawn.vertices_m), drawn.faces).mesh("propeller", (45, 48, 54))
             path = f"{self._path}/propellers/{number}"
             self._propellers.append(_add_mesh(api, path, turning, position=thruster.place_flu_m))
         self._turned_rad = [0.0] * len(vessel.thrusters)

@@ -86,7 +86,8 @@ def _entity(entity: Any) -> DrawnEntity:
         points = np.array([_vector(point) for point in triangles.points], dtype=np.float32).reshape(-1, 3)
         numbers = np.array(triangles.indices, dtype=np.uint32)
         faces = numbers if len(numbers) else np.arange(len(points), dtype=np.uint32)
-        drawn = shapes.geometry(points, faces[: len(faces) // 3 * 3]).placed(*_pose(triangles.pose))
+        shape = shapes.creased(shapes.geometry(points, faces[: len(faces) // 3 * 3]))
+        drawn = shape.placed(*_pose(triangles.pose))
         by_colour.setdefault(_colour(triangles.color), []).append(drawn)
     for line in entity.lines:
         position, attitude = _pose(line.pose)

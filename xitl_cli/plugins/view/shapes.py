@@ -121,28 +121,27 @@ def arrow(length_m: float, diameter_m: float) -> Geometry:
     return upright.placed((0.0, 0.0, 0.0), _from_upright(np.array([1.0, 0.0, 0.0])))
 
 
-def propeller(diameter_m: float, blades: int = 3) -> Geometry:
-    """Return a propeller that turns about x: a hub along x, and blades at an angle to the flow."""
-    radius = 0.5 * diameter_m
-    hub = frustum((0.22 * diameter_m, 0.22 * diameter_m, 0.3 * diameter_m), 1.0, 0.5, sides=12)
-    shapes = [hub.placed((0.0, 0.0, 0.0), _from_upright(np.array([1.0, 0.0, 0.0])))]
-    reach = np.linspace(0.1, 1.0, 5) * radius
-    chord = np.array([0.12, 0.3, 0.36, 0.3, 0.1]) * radius
-    pitch = np.radians([60.0, 45.0, 34.0, 27.0, 22.0])
-    edges = [
-        np.column_stack([sign * 0.5 * chord * np.sin(pitch), sign * 0.5 * chord * np.cos(pitch), reach])
-        for sign in (-1.0, 1.0)
-    ]
-    here = np.arange(len(reach) - 1)
-    count = len(reach)
-    face = np.concatenate(
-        [np.stack([here, here + count, here + 1], -1), np.stack([here + 1, here + count, here + count + 1], -1)]
-    )
-    blade = geometry(np.concatenate(edges), np.concatenate([face, face[:, ::-1]]))
-    for number in range(blades):
-        half_rad = math.pi * number / blades
-        shapes.append(blade.placed((0.0, 0.0, 0.0), (math.cos(half_rad), math.sin(half_rad), 0.0, 0.0)))
-    return merged(shapes)
+CREASE_COSINE = 0.8
+"""Faces that meet at a smaller cosine keep a sharp edge."""
+
+
+def creased(shape: Geometry) -> Geometry:
+    """Return the shape with separate vertices at its sharp edges, because a browser shades across shared vertices."""
+    if not len(shape.faces):
+        return shape
+    corners = shape.vertices_m[shape.faces].astype(np.float64)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    joined = np.zeros(shape.vertices_m.shape)
+    for corner in range(3):
+        np.add.at(joined, shape.faces[:, corner], across)
+    joined /= np.maximum(np.linalg.norm(joined, axis=1, keepdims=True), 1e-12)
+    smooth = np.vecdot(joined[shape.faces], flat[:, None]) > CREASE_COSINE
+    # A corner at an edge shares its vertex with the faces of the same direction only
+    direction = np.where(smooth[..., None], 2.0, np.round(flat * 4.0)[:, None] / 4.0).reshape(-1, 3)
+    key = np.column_stack([shape.faces.reshape(-1), direction])
+    _, first, number = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return geometry(shape.vertices_m[shape.faces.reshape(-1)[first]], number.reshape(-1, 3))
 
 
 def boat(length_m: float) -> Geometry:

@@ -6,31 +6,30 @@ Debris is drawn once, each body in a separate frame that moves with it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from foxglove import messages
 
 from sim_core import frames
-from sim_core.vessel.sections import hull_shape
-from sim_core.vessel.spec import DemiHull, Propeller, VesselSpec
-from sim_core.world.debris import Body, BodyKind
-from sim_core.world.geometry import MATERIALS, Mesh
+from sim_core.frames import Array
+from sim_core.vessel.spec import Propeller
+from sim_core.world.debris import Body
+from sim_core.world.geometry import Mesh, merged
 from sim_core.world.river import RiverBed
 from sim_core.world.structures import LogBoom
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame, vessel_name
+from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS, Rgb
+from xitl_cli.run.world.vessel_shape import MOST_DRAWN, drawn_diameter_m, vessel_parts
 from xitl_cli.scenery import Scenery
 
 if TYPE_CHECKING:
     from sim_core.world.traffic import ScriptedVessel
 
-_ORANGE = messages.Color(r=0.95, g=0.45, b=0.1, a=1.0)
-_CONCRETE = messages.Color(r=0.6, g=0.6, b=0.6, a=1.0)
 _CYAN = messages.Color(r=0.1, g=0.7, b=0.9, a=1.0)
-_WHITE = messages.Color(r=0.92, g=0.93, b=0.95, a=1.0)
-_DARK = messages.Color(r=0.2, g=0.22, b=0.25, a=1.0)
+_DISC = messages.Color(r=0.13, g=0.14, b=0.16, a=0.4)
 _WATER = messages.Color(r=0.35, g=0.3, b=0.2, a=0.6)
 _WATER_MARGIN_M = 100.0
 _ORIGIN = messages.Pose(
@@ -38,30 +37,7 @@ _ORIGIN = messages.Pose(
 )
 _CELL_M = 8.0
 """Grid of the drawn ground. The ground of the ray caster would be most of a short recording."""
-MOST_DRAWN = 300_000
-"""Triangles of one mesh. More would be most of any recording and too slow for a viewer."""
 _DRAWN_OTHERWISE = ("bed", "ground", "log boom", "boom pile")
-MATERIAL_COLOURS = {
-    "concrete": (0.6, 0.6, 0.6),
-    "steel": (0.45, 0.47, 0.5),
-    "plastic": (0.95, 0.45, 0.1),
-    "wood": (0.4, 0.28, 0.18),
-    "leaves": (0.2, 0.45, 0.15),
-    "hide": (0.45, 0.3, 0.2),
-    "earth": (0.55, 0.45, 0.3),
-    "rock": (0.4, 0.38, 0.36),
-    "wall": (0.85, 0.82, 0.75),
-    "bed": (0.3, 0.25, 0.18),
-}
-assert set(MATERIAL_COLOURS) == {material.name for material in MATERIALS}
-BODY_COLOURS = {
-    BodyKind.TRUNK: (0.4, 0.26, 0.13),
-    BodyKind.BRANCH: (0.5, 0.36, 0.2),
-    BodyKind.PLANTS: (0.25, 0.6, 0.2),
-    BodyKind.ANIMAL: (0.55, 0.42, 0.35),
-}
-
-
 def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.SceneUpdate:
     """Return one update with everything that does not move in its frame. profiles: one for each vessel."""
     profile = profiles[0]
@@ -69,7 +45,7 @@ def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.Sce
     for of_vessel in profiles:
         mission = of_vessel.mission
         entities.append(_mission(of_vessel, [(mission.start.north_m, mission.start.east_m), *mission.course_ned_m]))
-        entities += _vessel(of_vessel.vehicle, of_vessel.vessel)
+        entities += _vessel(of_vessel)
     entities.append(_water(profiles))
     if scenery.boom is not None:
         entities.append(_log_boom(scenery.boom))
@@ -77,7 +53,8 @@ def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.Sce
     if dam is not None and dam.intakes is None:
         length, width, height = dam.size_m
         pose = _pose(_enu(*dam.centre_ned_m), _quaternion(yaw_rad=math.radians(90.0 - dam.heading_deg)))
-        box = messages.CubePrimitive(pose=pose, size=messages.Vector3(x=length, y=width, z=height), color=_CONCRETE)
+        concrete = _colour(MATERIAL_COLOURS["concrete"])
+        box = messages.CubePrimitive(pose=pose, size=messages.Vector3(x=length, y=width, z=height), color=concrete)
         entities.append(messages.SceneEntity(frame_id=MAP_FRAME, id="dam", cubes=[box]))
     entities += _land(profile, scenery)
     return messages.SceneUpdate(entities=entities)
@@ -116,51 +93,17 @@ def _mission(profile: RunProfile, places_ne_m: Sequence[tuple[float, float]]) ->
     return messages.SceneEntity(frame_id=MAP_FRAME, id=name, lines=[line], cylinders=circles)
 
 
-def _vessel(vehicle: VesselSpec, name: str) -> Iterator[messages.SceneEntity]:
-    """Yield hulls, rudders and deck, then the propellers in their order, so that a viewer can turn them."""
-    cylinders, cubes, triangles = [], [], []
-    for hull in vehicle.demi_hulls:
-        drawn = _hull(hull)
-        if isinstance(drawn, messages.CylinderPrimitive):
-            cylinders.append(drawn)
-        elif isinstance(drawn, messages.CubePrimitive):
-            cubes.append(drawn)
-        else:
-            triangles.append(drawn)
-    for rudder in vehicle.rudders:
-        forward, right, down = rudder.position_frd_m
-        chord_m = math.sqrt(rudder.area_m2 / rudder.aspect_ratio)
-        cubes.append(
-            messages.CubePrimitive(
-                pose=_pose((forward, -right, -down)),
-                size=messages.Vector3(x=chord_m, y=0.12 * chord_m, z=rudder.aspect_ratio * chord_m),
-                color=_DARK,
-            )
-        )
-    hulls = vehicle.demi_hulls
-    if len(hulls) > 1:  # the deck between the axes of the outermost hulls, on the lowest of all
-        sides = [-hull.keel_frd_m[1] for hull in hulls]
-        top = min(hull.height_m - hull.keel_frd_m[2] for hull in hulls)
-        cubes.append(
-            messages.CubePrimitive(
-                pose=_pose((vehicle.midship_frd_x_m, 0.5 * (max(sides) + min(sides)), top)),
-                size=messages.Vector3(
-                    x=0.6 * min(hull.length_m for hull in hulls),
-                    y=max(sides) - min(sides),
-                    z=0.15 * min(hull.height_m for hull in hulls),
-                ),
-                color=_DARK,
-            )
-        )
+def _vessel(profile: RunProfile) -> Iterator[messages.SceneEntity]:
+    """Yield the vessel, then the discs of its propellers in their order, so that a viewer can turn them."""
+    vehicle, name = profile.vehicle, profile.vessel
     frame = vessel_name(VESSEL_FRAME, name)
-    yield messages.SceneEntity(
-        frame_id=frame,
-        id=vessel_name("vessel", name),
-        frame_locked=True,
-        cylinders=cylinders,
-        cubes=cubes,
-        triangles=triangles,
-    )
+    by_paint: dict[str, list[Mesh]] = {}
+    for part in vessel_parts(vehicle, profile.environment.water):
+        by_paint.setdefault(part.paint, []).append(part.mesh)
+    triangles = [
+        _triangles(merged(meshes), frames.frd_to_flu, _colour(PAINTS[paint])) for paint, meshes in by_paint.items()
+    ]
+    yield messages.SceneEntity(frame_id=frame, id=vessel_name("vessel", name), frame_locked=True, triangles=triangles)
     if vehicle.propellers:
         discs = [_propeller(propeller, vehicle.length_m) for propeller in vehicle.propellers]
         yield messages.SceneEntity(
@@ -172,41 +115,10 @@ _ALONG_PITCH_RAD = math.pi / 2
 """Rotates an upright cylinder to lie along the vessel."""
 
 
-def _hull(hull: DemiHull) -> messages.CylinderPrimitive | messages.CubePrimitive | messages.TriangleListPrimitive:
-    """Draw a round hull as a cylinder and a box-shaped hull as a box; draw others by their triangles.
-
-    A mesh that is too large becomes its bounding box.
-    """
-    forward, right, down = hull.keel_frd_m
-    middle = (forward, -right, 0.5 * hull.height_m - down)
-    if hull.prismatic and hull.section is not None and hull.section.radius_m is not None:
-        return messages.CylinderPrimitive(
-            pose=_pose(middle, _quaternion(pitch_rad=_ALONG_PITCH_RAD)),
-            size=messages.Vector3(x=hull.width_m, y=hull.width_m, z=hull.length_m),
-            bottom_scale=1.0,
-            top_scale=1.0,
-            color=_WHITE,
-        )
-    box_shaped = hull.prismatic and hull.section is not None and hull.section.width_m is not None
-    shape = hull_shape(hull)
-    if box_shaped or len(shape.faces) > MOST_DRAWN:
-        size = messages.Vector3(x=hull.length_m, y=hull.width_m, z=hull.height_m)
-        return messages.CubePrimitive(pose=_pose(middle), size=size, color=_WHITE)
-    points = frames.frd_to_flu(shape.vertices_m).tolist()
-    return messages.TriangleListPrimitive(
-        pose=_ORIGIN,
-        points=[messages.Point3(x=x, y=y, z=z) for x, y, z in points],
-        color=_WHITE,
-        indices=shape.faces.ravel().tolist(),
-    )
-
-
 def _propeller(propeller: Propeller, length_m: float) -> messages.CylinderPrimitive:
     """Draw a disc across its thrust. Without a diameter, the disc has a visible size."""
     forward, right, down = propeller.position_frd_m
-    curve = propeller.open_water
-    guess_m = (0.25 if propeller.medium == "air" else 0.08) * length_m
-    diameter_m = curve.diameter_m if curve is not None else propeller.diameter_m or guess_m
+    diameter_m = drawn_diameter_m(propeller, length_m)
     return messages.CylinderPrimitive(
         pose=_pose(
             (forward, -right, -down),
@@ -215,8 +127,27 @@ def _propeller(propeller: Propeller, length_m: float) -> messages.CylinderPrimit
         size=messages.Vector3(x=diameter_m, y=diameter_m, z=0.12 * diameter_m),
         bottom_scale=1.0,
         top_scale=1.0,
-        color=_DARK,
+        color=_DISC,
     )
+
+
+def _triangles(
+    mesh: Mesh, placed: Callable[[Array], Array], colour: messages.Color
+) -> messages.TriangleListPrimitive:
+    """Return the used vertices of a mesh and its faces. placed: from the axes of the mesh to those of the frame."""
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    points = placed(mesh.vertices_m[used]).tolist()
+    return messages.TriangleListPrimitive(
+        pose=_ORIGIN,
+        points=[messages.Point3(x=x, y=y, z=z) for x, y, z in points],
+        color=colour,
+        indices=faces.ravel().tolist(),
+    )
+
+
+def _colour(rgb: Rgb) -> messages.Color:
+    red, green, blue = rgb
+    return messages.Color(r=red, g=green, b=blue, a=1.0)
 
 
 def _water(profiles: Sequence[RunProfile], tide_m: float = 0.0) -> messages.SceneEntity:
@@ -250,7 +181,7 @@ def _log_boom(boom: LogBoom) -> messages.SceneEntity:
                 size=messages.Vector3(x=2 * boom.radius_m, y=2 * boom.radius_m, z=length),
                 bottom_scale=1.0,
                 top_scale=1.0,
-                color=_ORANGE,
+                color=_colour(PAINTS["boom"]),
             )
         )
     for pile in boom.piles:
@@ -261,7 +192,7 @@ def _log_boom(boom: LogBoom) -> messages.SceneEntity:
                 size=messages.Vector3(x=2 * pile.radius_m, y=2 * pile.radius_m, z=pile.bottom_down_m - pile.top_down_m),
                 bottom_scale=1.0,
                 top_scale=1.0,
-                color=_DARK,
+                color=_colour(PAINTS["metal"]),
             )
         )
     return messages.SceneEntity(frame_id=MAP_FRAME, id="log boom", cylinders=floats)
@@ -304,19 +235,9 @@ def _land(profile: RunProfile, scenery: Scenery) -> list[messages.SceneEntity]:
         by_name.setdefault(part.name, []).append(part.mesh)
     entities = []
     for name, meshes in by_name.items():
-        triangles = []
-        for mesh in meshes:
-            used, faces = np.unique(mesh.faces, return_inverse=True)
-            red, green, blue = MATERIAL_COLOURS[mesh.material.name]
-            points = frames.ned_to_enu(mesh.vertices_m[used]).tolist()
-            triangles.append(
-                messages.TriangleListPrimitive(
-                    pose=_ORIGIN,
-                    points=[messages.Point3(x=x, y=y, z=z) for x, y, z in points],
-                    color=messages.Color(r=red, g=green, b=blue, a=1.0),
-                    indices=faces.ravel().tolist(),
-                )
-            )
+        triangles = [
+            _triangles(mesh, frames.ned_to_enu, _colour(MATERIAL_COLOURS[mesh.material.name])) for mesh in meshes
+        ]
         entities.append(messages.SceneEntity(frame_id=MAP_FRAME, id=name, triangles=triangles))
     return entities
 
@@ -325,12 +246,8 @@ def make_scripted_scene(vessels: Sequence[ScriptedVessel]) -> messages.SceneUpda
     """Return the scripted vessels, each in its frame."""
     entities = []
     for vessel in vessels:
-        corners = frames.frd_to_flu(vessel.mesh.vertices_m[vessel.mesh.faces].reshape(-1, 3)).tolist()
-        red, green, blue = MATERIAL_COLOURS[vessel.mesh.material.name]
-        triangles = messages.TriangleListPrimitive(
-            pose=_ORIGIN,
-            points=[messages.Point3(x=x, y=y, z=z) for x, y, z in corners],
-            color=messages.Color(r=red, g=green, b=blue, a=1.0),
+        triangles = _triangles(
+            vessel.mesh, frames.frd_to_flu, _colour(MATERIAL_COLOURS[vessel.mesh.material.name])
         )
         frame, name = vessel_name(VESSEL_FRAME, vessel.name), vessel_name("vessel", vessel.name)
         entities.append(messages.SceneEntity(frame_id=frame, id=name, frame_locked=True, triangles=[triangles]))
@@ -341,13 +258,7 @@ def make_debris_scene(bodies: Sequence[Body], first: int) -> messages.SceneUpdat
     """Return the bodies from number `first` on."""
     entities = []
     for number, body in enumerate(bodies[first:], start=first):
-        corners = frames.frd_to_flu(body.mesh.vertices_m[body.mesh.faces].reshape(-1, 3)).tolist()
-        red, green, blue = BODY_COLOURS[body.kind]
-        triangles = messages.TriangleListPrimitive(
-            pose=_ORIGIN,
-            points=[messages.Point3(x=x, y=y, z=z) for x, y, z in corners],
-            color=messages.Color(r=red, g=green, b=blue, a=1.0),
-        )
+        triangles = _triangles(body.mesh, frames.frd_to_flu, _colour(BODY_COLOURS[body.kind]))
         frame = body_frame(number)
         entities.append(messages.SceneEntity(frame_id=frame, id=frame, frame_locked=True, triangles=[triangles]))
     return messages.SceneUpdate(entities=entities)

@@ -1,0 +1,48 @@
+"""Colours of everything that a view, a picture, Foxglove or a camera draws: red, green and blue in sRGB, 0 to 1."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from sim_core.world.debris import BodyKind
+from sim_core.world.geometry import MATERIALS
+
+Rgb: TypeAlias = tuple[float, float, float]
+
+MATERIAL_COLOURS: dict[str, Rgb] = {
+    "concrete": (0.66, 0.65, 0.62),
+    "steel": (0.45, 0.47, 0.5),
+    "plastic": (0.95, 0.45, 0.1),
+    "wood": (0.4, 0.28, 0.18),
+    "leaves": (0.2, 0.42, 0.14),
+    "hide": (0.45, 0.3, 0.2),
+    "earth": (0.47, 0.44, 0.26),
+    "rock": (0.4, 0.38, 0.36),
+    "wall": (0.85, 0.82, 0.75),
+    "bed": (0.3, 0.25, 0.18),
+}
+assert set(MATERIAL_COLOURS) == {material.name for material in MATERIALS}
+
+BODY_COLOURS: dict[BodyKind, Rgb] = {
+    BodyKind.TRUNK: (0.4, 0.26, 0.13),
+    BodyKind.BRANCH: (0.5, 0.36, 0.2),
+    BodyKind.PLANTS: (0.25, 0.6, 0.2),
+    BodyKind.ANIMAL: (0.55, 0.42, 0.35),
+}
+
+PAINTS: dict[str, Rgb] = {
+    "hull": (0.90, 0.91, 0.92),
+    "topsides": (0.10, 0.17, 0.28),
+    "bottom": (0.46, 0.10, 0.08),
+    "deck": (0.33, 0.36, 0.38),
+    "house": (0.93, 0.93, 0.90),
+    "glass": (0.07, 0.10, 0.14),
+    "case": (0.95, 0.40, 0.06),
+    "metal": (0.13, 0.14, 0.16),
+    "rudder": (0.45, 0.06, 0.05),
+    "boom": (0.95, 0.42, 0.08),
+    "white light": (1.0, 0.98, 0.9),
+    "red light": (1.0, 0.1, 0.08),
+    "green light": (0.1, 1.0, 0.3),
+}
+"""Paints of vessels, of the floats of a log boom, and of lamps."""
