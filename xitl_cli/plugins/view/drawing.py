@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sim_core.frames import frd_to_flu, quat_multiply
 from xitl_cli.plugins.view import shapes
+from xitl_cli.plugins.view.look import DAY, NIGHT, show_lighting
 from xitl_cli.plugins.view.model import (
     Array,
     BodyInstant,
@@ -43,6 +44,8 @@ MOST_POINTS = 30_000
 TRACK_STEP_M = 0.3
 LEVEL_STEP_M = 0.01
 """Change of the water level after which the water and the marks on it move."""
+WAKE_S, WAKE_STEP_S = 30.0, 0.5
+"""Drawn length of a wake, and the time between two points of it."""
 TRACK_PIECE = 100
 TRACK_PIECES = 60
 SPIN_RADPS = 18.0
@@ -64,28 +67,6 @@ WIND: Colour = (245, 245, 250)
 CURRENT: Colour = (40, 150, 255)
 CLOUDS: Mapping[str, Colour] = {"lidar": (255, 90, 60), "sonar": (40, 220, 255), "map": (190, 120, 255)}
 OTHER_CLOUD: Colour = (240, 240, 90)
-
-
-@dataclass(frozen=True, slots=True)
-class Lighting:
-    """Light and colours around the scene. The sky blends from zenith to haze. Distant objects fade to haze."""
-
-    zenith: Colour
-    haze: Colour
-    water: Colour
-    sun: Colour
-    sun_intensity: float
-    sky_light: Colour
-    sky_intensity: float
-    ground_light: Colour
-
-
-DAY = Lighting(
-    (88, 148, 205), (214, 227, 236), (30, 96, 118), (255, 244, 224), 2.1, (214, 227, 236), 2.3, (150, 152, 140)
-)
-NIGHT = Lighting(
-    (10, 16, 30), (46, 61, 82), (72, 116, 128), (190, 208, 255), 0.95, (150, 172, 205), 1.15, (84, 94, 110)
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +93,8 @@ def stream_arrows(length_m: float) -> tuple[StreamArrow, ...]:
 class SceneDrawing:
     """Draws the constant parts of a scene when it is created, and everything else at each instant.
 
-    tracks: draw the tracks of the vessels. water: resolution of the water surface. dark: use the night colours.
+    tracks: draw the tracks of the vessels. water: resolution of the water surface. dark: use the night colours. past:
+    returns the way of a vessel before a time, (P, 3) east, north and time, for its wake; None uses the drawn instants.
     """
 
     def __init__(
@@ -123,7 +105,9 @@ class SceneDrawing:
         dark: bool = False,
         tracks: bool = True,
         water: WaterResolution = SCREEN_WATER,
+        past: Callable[[str, float], Array] | None = None,
     ) -> None:
+        self._past = past
         self.scene = scene
         self._server = server
         self._tracks = tracks
@@ -137,6 +121,8 @@ class SceneDrawing:
         api.world_axes.visible = False
         for number, mesh in enumerate(scene.meshes):
             _add_mesh(api, f"/surroundings/{number} {mesh.name}", mesh)
+        self._look = api.add_frame("/look", show_axes=False)
+        self._wind_mps = 0.0
         self._water = _WaterDrawing(api, scene.water, water)
         self.dark = dark
         for name, vessel in scene.vessels.items():
@@ -153,6 +139,12 @@ class SceneDrawing:
         lighting = NIGHT if dark else DAY
         show_lighting(self._server.scene, lighting)
         self._water.colour(lighting.water)
+        self._tell_look()
+
+    def _tell_look(self) -> None:
+        """Send time, night and wind to the script of the page, see look.js."""
+        time_s = self._time_s if math.isfinite(self._time_s) else 0.0
+        self._look.position = (time_s, float(self._dark), self._wind_mps)
 
     def draw(self, instant: ViewInstant) -> None:
         """Draw an instant in one update. If it is earlier than the previous one, the tracks start again."""
@@ -165,9 +157,13 @@ class SceneDrawing:
             for name in instant.vessels:
                 if name not in self._vessels:
                     self._vessels[name] = _VesselDrawing(self._server.scene, name, plain_vessel(), self.scene.water)
+            self._wind_mps = math.hypot(*instant.wind_en_mps)
+            self._tell_look()
             level_m = self.scene.water.level_at_m(instant.time_s)
             for name, vessel in instant.vessels.items():
                 self._vessels[name].draw(vessel, elapsed_s, self._tracks, level_m)
+                past = None if self._past is None else self._past(name, instant.time_s)
+                self._vessels[name].wake.draw(instant.time_s, vessel.position_enu_m, past)
             self._draw_bodies(instant.bodies)
             self._draw_passing(instant.drawings)
             if instant.vessels:
@@ -239,30 +235,6 @@ def add_drawing_options(
     night.on_update(change_light)
 
 
-def sky_rows(lighting: Lighting) -> NDArray[np.uint8]:
-    """Return the sky colours (192, 3) from the top of a picture to its bottom, independent of the camera."""
-    share = np.linspace(0.0, 1.0, 72)[:, None] ** 0.9
-    sky = np.asarray(lighting.zenith) * (1.0 - share) + np.asarray(lighting.haze) * share
-    return np.round(np.concatenate([sky, np.repeat(sky[-1:], 120, axis=0)])).astype(np.uint8)
-
-
-def show_lighting(api: Any, lighting: Lighting) -> None:
-    """Set sky, light and haze in the scene of a server, or of one browser."""
-    api.set_background_image(np.repeat(sky_rows(lighting)[:, None], 4, axis=1), format="png")
-    api.configure_fog(60.0, 1100.0, color=lighting.haze)
-    sun, strength = lighting.sun, lighting.sun_intensity
-    api.add_light_directional("/light/sun", color=sun, intensity=strength, position=(-0.6, -0.75, 0.6))
-    # A second light at a low angle makes waves visible, because the material of a mesh has no gloss.
-    api.add_light_directional("/light/glance", color=sun, intensity=0.75 * strength, position=(-0.9, 0.5, 0.13))
-    api.add_light_hemisphere(
-        "/light/sky",
-        sky_color=lighting.sky_light,
-        ground_color=lighting.ground_light,
-        intensity=lighting.sky_intensity,
-        position=(0.0, 0.0, 1.0),
-    )
-
-
 class _WaterDrawing:
     def __init__(self, api: Any, water: SceneWater, resolution: WaterResolution) -> None:
         self._api = api
@@ -312,6 +284,34 @@ class _WaterDrawing:
             self._node.position = (*middle, self._level_m)
 
 
+class _WakeDrawing:
+    """The way of a vessel as an invisible node, from which look.js paints the wake on the water."""
+
+    def __init__(self, api: Any, path: str, vessel: SceneVessel) -> None:
+        self._api, self._path = api, path
+        beam_m = max((float(np.ptp(mesh.vertices_m[:, 1])) for mesh in vessel.meshes if len(mesh.vertices_m)), default=0.0)
+        self._size = np.array([[vessel.length_m, beam_m or 0.3 * vessel.length_m, 0.0]])
+        self._points = np.empty((0, 3))
+        self._node: Any = None
+
+    def draw(self, time_s: float, place: Array, past: Array | None) -> None:
+        """Draw the wake at an instant. past: see SceneDrawing."""
+        last_s = self._points[-1, 2] if len(self._points) else -math.inf
+        if last_s <= time_s < last_s + WAKE_STEP_S:
+            return
+        if past is None:
+            kept = self._points[(self._points[:, 2] > time_s - WAKE_S) & (self._points[:, 2] < time_s)]
+            past = np.concatenate([kept, [[float(place[0]), float(place[1]), time_s]]])
+        self._points = past
+        points = np.concatenate([self._size, past]).astype(np.float32)
+        if self._node is None:
+            self._node = self._api.add_point_cloud(
+                self._path, points, (255, 255, 255), precision="float32", visible=False
+            )
+        else:
+            self._node.points = points
+
+
 class _VesselDrawing:
     """Nodes of one vessel: its hull, and its other nodes such as track, mission, clouds and arrows."""
 
@@ -330,6 +330,7 @@ class _VesselDrawing:
         self._mark_m = min(max(vessel.length_m, 0.6), 6.0)
         """Size of marks."""
         self._hull = api.add_frame(self._path, show_axes=False)
+        self.wake = _WakeDrawing(api, self._path.replace("/vessels", "/wakes", 1), vessel)
         for number, mesh in enumerate(vessel.meshes):
             _add_mesh(api, f"{self._path}/{number}", mesh)
         self._propellers = []
@@ -424,7 +425,7 @@ class _VesselDrawing:
             path = self._path.replace("/vessels", "/estimates", 1)
             self._estimate = self._api.add_frame(path, show_axes=False)
             for number, mesh in enumerate(self._vessel.meshes):
-                ghost = SceneMesh(mesh.name, mesh.vertices_m, mesh.faces, ESTIMATE, 0.3)
+                ghost = SceneMesh(mesh.name, mesh.vertices_m, mesh.faces, ESTIMATE, 0.18)
                 _add_mesh(self._api, f"{path}/{number}", ghost)
         if bool(self._estimate.visible) != shown:
             self._estimate.visible = shown

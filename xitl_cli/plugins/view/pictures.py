@@ -52,7 +52,7 @@ _FLAGS = (
     "--hide-scrollbars",
     "--remote-debugging-port=0",  # a headless browser without it exits immediately
 )
-START_S, RENDER_S = 60.0, 120.0
+START_S, RENDER_S, LOOK_S = 60.0, 120.0, 20.0
 FOV_RAD = math.radians(50.0)
 LEAST_PIXELS, MOST_PIXELS = 64, 4096
 MOST_FRAMES = 1500
@@ -168,6 +168,7 @@ def _photographer(
         drawing = ReplayDrawing(server, recording, dark=dark)
         drawing.draw(recording.instant(recording.span_s[0]))
         with _browser_at(browser, server, size) as client:
+            _await_look(client)
 
             def photograph(at_s: float) -> Image.Image:
                 instant = recording.instant(at_s)
@@ -247,11 +248,23 @@ def _end_session(process: subprocess.Popen[bytes]) -> None:
             break
 
 
+def _await_look(client: Any) -> None:
+    """Wait until look.js has drawn its sky, which has no transparent pixel. Without it, pictures have plain colours."""
+    until = time.monotonic() + LOOK_S
+    while time.monotonic() < until:
+        with suppress(RuntimeError, TimeoutError):
+            sky = client.get_render(
+                16, 16, wxyz=(0.7, 0.7, 0.0, 0.0), position=(0.0, 0.0, 50.0), fov=FOV_RAD, transport_format="png"
+            )
+            if sky[0, 0, 3] == 255:
+                return
+
+
 def _render(client: Any, camera: Camera, size: tuple[int, int], dark: bool) -> Image.Image:
     """Return a picture. The browser renders only the objects in front of the sky, so the sky is added behind them."""
     from PIL import Image
 
-    from xitl_cli.plugins.view.drawing import DAY, NIGHT, sky_rows
+    from xitl_cli.plugins.view.look import DAY, NIGHT, sky_rows
 
     width, height = size
     try:

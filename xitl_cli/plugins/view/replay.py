@@ -41,12 +41,23 @@ class ReplayDrawing:
         self.recording = recording
         server.scene.set_up_direction("+z")
         resolution = PAGE_WATER if page else SCREEN_WATER
-        self._drawing = SceneDrawing(server, recording.scene, dark=dark, tracks=False, water=resolution)
+        self._drawing = SceneDrawing(
+            server, recording.scene, dark=dark, tracks=False, water=resolution, past=self._past
+        )
         level_m = recording.scene.water.level_m
         self._ways = [
             _WayDrawing(server.scene, name, recording.track(name).pose, level_m, SAILED[number % len(SAILED)])
             for number, name in enumerate(recording.names)
         ]
+
+    def _past(self, name: str, time_s: float) -> Array:
+        """Return the way of a vessel until a time, as SceneDrawing wants it."""
+        from xitl_cli.plugins.view.drawing import WAKE_S, WAKE_STEP_S
+
+        pose = self.recording.track(name).pose
+        seconds = np.arange(max(time_s - WAKE_S, float(pose.place_s[0])), time_s + 1e-6, WAKE_STEP_S)
+        east, north = (np.interp(seconds, pose.place_s, pose.position_enu_m[:, axis]) for axis in (0, 1))
+        return np.column_stack([east, north, seconds])
 
     @property
     def drawing(self) -> Any:

@@ -21,6 +21,7 @@ from xitl_cli.extras import VIEW
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.report.model import Report
 from xitl_cli.logs.report.page import Replay
+from xitl_cli.plugins.view.look import look_html
 from xitl_cli.plugins.view.model import Points, ViewInstant
 from xitl_cli.plugins.view.readouts import arrow_legend
 from xitl_cli.plugins.view.recording import LogScene, SceneFinding, open_scene, scene_of
@@ -217,8 +218,9 @@ def _with_overlay(html: str, data: dict[str, Any], dark: bool) -> str:
         f"<style>{style}</style>{mark}"
         f'<script type="application/json" id="replay-data">{text}</script><script>{script}</script>'
     )
-    end = html.rindex("</body>")
-    return html[:end] + overlay + html[end:]
+    before, head, rest = html.partition("<head>")
+    end = rest.rindex("</body>")
+    return before + head + look_html() + rest[:end] + overlay + rest[end:]
 
 
 def report_replay(report: Report, vessel: str | None) -> Replay:
