@@ -17,7 +17,7 @@ from sim_core.world.geometry import Mesh, moved
 from sim_core.world.rays import ScenePart
 from sim_core.world.river import RiverBed
 from xitl_cli.plugins.cameras.images import ObjectClass
-from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS
+from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS, ground_colours
 from xitl_cli.run.world.vessel_shape import (
     VesselPart,
     drawn_diameter_m,
@@ -157,7 +157,11 @@ def world_model(scenery: Scenery, lowest_tide_m: float = 0.0) -> TriangleModel:
             axis = _long_axis(points)
             rotation = np.column_stack([axis, [-axis[1], axis[0], 0.0], [0.0, 0.0, 1.0]])
         colour = PAINTS["boom"] if part.name == "log boom" else None
-        vertices.append(_of_mesh(part.mesh, kind, len(objects), colour))
+        if part.name == "ground":
+            shore = ground_colours(part.mesh, scenery.water_down_m)
+            vertices += [_of_mesh(mesh, kind, len(objects), painted) for mesh, painted in shore]
+        else:
+            vertices.append(_of_mesh(part.mesh, kind, len(objects), colour))
         objects.append(_object(name, kind, points, rotation))
     joined = np.concatenate(vertices) if vertices else np.zeros(0, VERTEX)
     corners = joined["position"].astype(float).reshape(-1, 3, 3)
@@ -182,9 +186,7 @@ def body_model(name: str, mesh: Mesh, kind: BodyKind | None) -> TriangleModel:
     return TriangleModel(_of_mesh(mesh, shown, 0, colour), (_object(name, shown, mesh.vertices_m),))
 
 
-def vessel_model(
-    vehicle: VesselSpec, water: Water, name: str, kind: ObjectClass = ObjectClass.VESSEL
-) -> TriangleModel:
+def vessel_model(vehicle: VesselSpec, water: Water, name: str, kind: ObjectClass = ObjectClass.VESSEL) -> TriangleModel:
     """Return a vessel in its axes, FRD: the parts of `vessel_parts`, and propellers."""
     parts = list(vessel_parts(vehicle, water))
     for propeller in vehicle.propellers:

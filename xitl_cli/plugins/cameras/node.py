@@ -49,6 +49,7 @@ from xitl_cli.plugins.cameras.studio import Commission, lens_of
 from xitl_cli.record.topics import vessel_name
 from xitl_cli.record.truth import timestamp
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+from xitl_cli.run.world.colours import water_reflectance
 
 WORLD, OWN = "world", "own vessel"
 MOST_WAITING = 3
@@ -56,8 +57,6 @@ MOST_WAITING = 3
 MOST_SHOTS, MOST_BANDS = 6, 12
 BLUR_PX = 1.0
 """Motion in an image that one shot may show."""
-CLEAR_WATER, MUDDY_WATER = np.array([0.006, 0.030, 0.040]), np.array([0.105, 0.090, 0.048])
-"""Diffuse reflectance of water: little backscatter, and as much as a river with mud has."""
 USUAL_SUN_DEG = (35.0, 140.0)
 """Elevation and azimuth of the sun without a time."""
 WAKE_S, WAKE_STEP_S = 25.0, 0.4
@@ -349,7 +348,6 @@ class CameraNode(RunNode):
         plant, environment = self._context.plant, self._context.plant.simulation.environment
         keys = self._context.profile.environment
         time_s = pose.stamp_ns * 1e-9
-        muddy = min(keys.water_reflectivity / 0.05, 1.0)
         wind = environment.wind.velocity_ned_mps(plant.state.environment.wind, time_s)[0, :2]
         return DrawnWorld(
             time_s=time_s,
@@ -358,7 +356,7 @@ class CameraNode(RunNode):
             wind_ne_mps=wind,
             light=self._light_at(pose.stamp_ns),
             extinction_per_m=visible_extinction_per_m(keys.visibility_m, keys.rain_mmph),
-            water_colour=CLEAR_WATER + muddy * (MUDDY_WATER - CLEAR_WATER),
+            water_colour=water_reflectance(keys.water_reflectivity),
             placed=self._placed(pose),
             foam=self._foam(pose),
         )

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_core.frames import frd_to_flu, quat_multiply
 from xitl_cli.plugins.view import shapes
@@ -138,7 +137,7 @@ class SceneDrawing:
         self._dark = dark
         lighting = NIGHT if dark else DAY
         show_lighting(self._server.scene, lighting)
-        self._water.colour(lighting.water)
+        self._water.colour(self.scene.water.colour or lighting.water)
         self._tell_look()
 
     def _tell_look(self) -> None:
@@ -289,7 +288,9 @@ class _WakeDrawing:
 
     def __init__(self, api: Any, path: str, vessel: SceneVessel) -> None:
         self._api, self._path = api, path
-        beam_m = max((float(np.ptp(mesh.vertices_m[:, 1])) for mesh in vessel.meshes if len(mesh.vertices_m)), default=0.0)
+        beam_m = max(
+            (float(np.ptp(mesh.vertices_m[:, 1])) for mesh in vessel.meshes if len(mesh.vertices_m)), default=0.0
+        )
         self._size = np.array([[vessel.length_m, beam_m or 0.3 * vessel.length_m, 0.0]])
         self._points = np.empty((0, 3))
         self._node: Any = None

@@ -93,6 +93,8 @@ class SceneWater:
     bounded: bool = False
     """True if land bounds the water."""
     tide: Tide = NO_TIDE
+    colour: Colour | None = None
+    """None for the usual colour."""
 
     def level_at_m(self, time_s: float) -> float:
         """Return the level of the still water at a time."""

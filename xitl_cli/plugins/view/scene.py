@@ -30,6 +30,7 @@ from xitl_cli.plugins.view.shapes import Geometry
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME
+from xitl_cli.run.world.colours import water_colour
 from xitl_cli.seeds import Seeds
 
 BODY = "body_"
@@ -207,7 +208,9 @@ def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Seque
         lead = profiles[0]
         level_m, tide = lead.environment.water.level_m, make_tide(lead.environment)
         bounded = lead.world.river is not None
-        water = replace(water, level_m=level_m, waves=waves_of(lead), bounded=bounded, tide=tide)
+        red, green, blue = (round(255 * part) for part in water_colour(lead.environment.water_reflectivity))
+        colour = red, green, blue
+        water = replace(water, level_m=level_m, waves=waves_of(lead), bounded=bounded, tide=tide, colour=colour)
     return ViewScene(title, tuple(meshes), vessels, water)
 
 

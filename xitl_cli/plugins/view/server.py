@@ -303,7 +303,10 @@ new MutationObserver(() => {{
 
 
 def _complete(answer: Any, title: str) -> None:
-    """Add a title, the look of the scene and a message about missing WebGL to the page. viser's own message is lost when its page fails."""
+    """Add a title, the look of the scene and a message about missing WebGL to the page.
+
+    viser's own message is lost when its page fails.
+    """
     import gzip
     import html
 

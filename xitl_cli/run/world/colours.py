@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
+import numpy as np
+
+from sim_core.frames import Array
 from sim_core.world.debris import BodyKind
-from sim_core.world.geometry import MATERIALS
+from sim_core.world.geometry import EARTH, MATERIALS, Mesh
 
 Rgb: TypeAlias = tuple[float, float, float]
 
@@ -26,7 +29,7 @@ assert set(MATERIAL_COLOURS) == {material.name for material in MATERIALS}
 BODY_COLOURS: dict[BodyKind, Rgb] = {
     BodyKind.TRUNK: (0.4, 0.26, 0.13),
     BodyKind.BRANCH: (0.5, 0.36, 0.2),
-    BodyKind.PLANTS: (0.25, 0.6, 0.2),
+    BodyKind.PLANTS: (0.27, 0.46, 0.17),
     BodyKind.ANIMAL: (0.55, 0.42, 0.35),
 }
 
@@ -46,3 +49,38 @@ PAINTS: dict[str, Rgb] = {
     "green light": (0.1, 1.0, 0.3),
 }
 """Paints of vessels, of the floats of a log boom, and of lamps."""
+
+GRASS: Rgb = (0.33, 0.43, 0.17)
+SHORE_M = 0.7
+"""Height above the mean water to which the ground is bare."""
+
+
+def ground_colours(mesh: Mesh, water_down_m: float) -> tuple[tuple[Mesh, Rgb], ...]:
+    """Return ground in NED in parts of one colour: bare at the shore and below the water, and grass above."""
+    high = mesh.vertices_m[mesh.faces, 2].mean(axis=1) < water_down_m - SHORE_M
+    parts = ((~high, MATERIAL_COLOURS[mesh.material.name]), (high & (mesh.material is EARTH), GRASS))
+    return tuple(
+        (Mesh(mesh.vertices_m, mesh.faces[chosen], mesh.material), colour) for chosen, colour in parts if chosen.any()
+    )
+
+
+_CLEAR_WATER, _MUDDY_WATER = np.array([0.006, 0.030, 0.040]), np.array([0.105, 0.090, 0.048])
+
+
+def water_reflectance(water_reflectivity: float) -> Array:
+    """Return the diffuse reflectance (3,) of water, linear red, green and blue.
+
+    water_reflectivity: of the environment. Clear water has little backscatter; at 0.05, it is a river with mud.
+    """
+    muddy = min(water_reflectivity / 0.05, 1.0)
+    return np.asarray(_CLEAR_WATER + muddy * (_MUDDY_WATER - _CLEAR_WATER))
+
+
+_DAYLIGHT = 1.5
+"""Radiance of a white surface in daylight, in the units of a picture."""
+
+
+def water_colour(water_reflectivity: float) -> Rgb:
+    """Return the colour of water in daylight without its reflections, in sRGB."""
+    red, green, blue = np.sqrt(_DAYLIGHT * water_reflectance(water_reflectivity)).tolist()
+    return red, green, blue

@@ -21,7 +21,7 @@ from sim_core.world.river import RiverBed
 from sim_core.world.structures import LogBoom
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame, vessel_name
-from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS, Rgb
+from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS, Rgb, ground_colours, water_colour
 from xitl_cli.run.world.vessel_shape import MOST_DRAWN, drawn_diameter_m, vessel_parts
 from xitl_cli.scenery import Scenery
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _CYAN = messages.Color(r=0.1, g=0.7, b=0.9, a=1.0)
 _DISC = messages.Color(r=0.13, g=0.14, b=0.16, a=0.4)
-_WATER = messages.Color(r=0.35, g=0.3, b=0.2, a=0.6)
+_WATER_OPACITY = 0.6
 _WATER_MARGIN_M = 100.0
 _ORIGIN = messages.Pose(
     position=messages.Vector3(x=0.0, y=0.0, z=0.0), orientation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
@@ -38,6 +38,8 @@ _ORIGIN = messages.Pose(
 _CELL_M = 8.0
 """Grid of the drawn ground. The ground of the ray caster would be most of a short recording."""
 _DRAWN_OTHERWISE = ("bed", "ground", "log boom", "boom pile")
+
+
 def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.SceneUpdate:
     """Return one update with everything that does not move in its frame. profiles: one for each vessel."""
     profile = profiles[0]
@@ -131,9 +133,7 @@ def _propeller(propeller: Propeller, length_m: float) -> messages.CylinderPrimit
     )
 
 
-def _triangles(
-    mesh: Mesh, placed: Callable[[Array], Array], colour: messages.Color
-) -> messages.TriangleListPrimitive:
+def _triangles(mesh: Mesh, placed: Callable[[Array], Array], colour: messages.Color) -> messages.TriangleListPrimitive:
     """Return the used vertices of a mesh and its faces. placed: from the axes of the mesh to those of the frame."""
     used, faces = np.unique(mesh.faces, return_inverse=True)
     points = placed(mesh.vertices_m[used]).tolist()
@@ -163,8 +163,11 @@ def _water(profiles: Sequence[RunProfile], tide_m: float = 0.0) -> messages.Scen
     north, east = ((low + high) / 2).tolist()
     extent = (high - low + 2 * _WATER_MARGIN_M).tolist()
     level = profile.environment.water.level_m + tide_m
+    red, green, blue = water_colour(profile.environment.water_reflectivity)
     surface = messages.CubePrimitive(
-        pose=_pose((east, north, level - 0.05)), size=messages.Vector3(x=extent[1], y=extent[0], z=0.01), color=_WATER
+        pose=_pose((east, north, level - 0.05)),
+        size=messages.Vector3(x=extent[1], y=extent[0], z=0.01),
+        color=messages.Color(r=red, g=green, b=blue, a=_WATER_OPACITY),
     )
     return messages.SceneEntity(frame_id=MAP_FRAME, id="water", cubes=[surface])
 
@@ -192,7 +195,7 @@ def _log_boom(boom: LogBoom) -> messages.SceneEntity:
                 size=messages.Vector3(x=2 * pile.radius_m, y=2 * pile.radius_m, z=pile.bottom_down_m - pile.top_down_m),
                 bottom_scale=1.0,
                 top_scale=1.0,
-                color=_colour(PAINTS["metal"]),
+                color=_colour(MATERIAL_COLOURS["steel"]),
             )
         )
     return messages.SceneEntity(frame_id=MAP_FRAME, id="log boom", cylinders=floats)
@@ -236,7 +239,13 @@ def _land(profile: RunProfile, scenery: Scenery) -> list[messages.SceneEntity]:
     entities = []
     for name, meshes in by_name.items():
         triangles = [
-            _triangles(mesh, frames.ned_to_enu, _colour(MATERIAL_COLOURS[mesh.material.name])) for mesh in meshes
+            _triangles(shown, frames.ned_to_enu, _colour(colour))
+            for mesh in meshes
+            for shown, colour in (
+                ground_colours(mesh, scenery.water_down_m)
+                if name == "ground"
+                else [(mesh, MATERIAL_COLOURS[mesh.material.name])]
+            )
         ]
         entities.append(messages.SceneEntity(frame_id=MAP_FRAME, id=name, triangles=triangles))
     return entities
@@ -246,9 +255,7 @@ def make_scripted_scene(vessels: Sequence[ScriptedVessel]) -> messages.SceneUpda
     """Return the scripted vessels, each in its frame."""
     entities = []
     for vessel in vessels:
-        triangles = _triangles(
-            vessel.mesh, frames.frd_to_flu, _colour(MATERIAL_COLOURS[vessel.mesh.material.name])
-        )
+        triangles = _triangles(vessel.mesh, frames.frd_to_flu, _colour(MATERIAL_COLOURS[vessel.mesh.material.name]))
         frame, name = vessel_name(VESSEL_FRAME, vessel.name), vessel_name("vessel", vessel.name)
         entities.append(messages.SceneEntity(frame_id=frame, id=name, frame_locked=True, triangles=[triangles]))
     return messages.SceneUpdate(entities=entities)

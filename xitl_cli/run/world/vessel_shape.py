@@ -76,7 +76,9 @@ def propeller_mesh(diameter_m: float, blades: int = 3) -> Mesh:
     face = np.concatenate(
         [np.stack([here, here + count, here + 1], -1), np.stack([here + 1, here + count, here + count + 1], -1)]
     )
-    blade = Mesh(np.concatenate([*edges, *edges]), np.concatenate([face, face[:, ::-1] + 2 * count]).astype(int32), STEEL)
+    blade = Mesh(
+        np.concatenate([*edges, *edges]), np.concatenate([face, face[:, ::-1] + 2 * count]).astype(int32), STEEL
+    )
     pieces += [moved(blade, np.zeros(3), _about_ahead(2.0 * math.pi * number / blades)) for number in range(blades)]
     return merged(pieces)
 
@@ -186,7 +188,7 @@ def _hull(hull: DemiHull, waterline_m: float, several: bool) -> Iterator[VesselP
 
 
 def _breadths(hull: DemiHull, lines: _Lines, down_m: Array, flare: bool) -> Array:
-    """Return half widths (S, ...) at z `down_m` (S, ...). flare: the ends of a ship are finer below than at the deck."""
+    """Return half widths (S, ...) at z `down_m` (S, ...). flare: the ends are finer below than at the deck."""
     keel, deck, share = (part[:, None] for part in (lines.keel_m, lines.deck_m, lines.share))
     height = np.clip((keel - down_m) / np.maximum(keel - deck, 1e-9), 0.0, 1.0)
     fine = 1.0 + 1.1 * (1.0 - height) if flare else 1.0
@@ -227,9 +229,7 @@ def _deck(hull: DemiHull, lines: _Lines, flare: bool) -> Mesh:
         [np.repeat(lines.ahead_m[:, None], 2, 1), y, np.repeat(lines.deck_m[:, None], 2, 1)], axis=-1
     ).reshape(-1, 3)
     port = 2 * np.arange(len(half) - 1)
-    faces = np.concatenate(
-        [np.stack([port, port + 1, port + 3], -1), np.stack([port, port + 3, port + 2], -1)]
-    )
+    faces = np.concatenate([np.stack([port, port + 1, port + 3], -1), np.stack([port, port + 3, port + 2], -1)])
     return _without_slivers(vertices, faces)
 
 
@@ -291,7 +291,7 @@ class _Fittings:
         self._add("metal", yard)
         for side in (-1.0, 1.0):
             place = (ahead, side * 0.1 * size, bottom - 0.8 * height - 0.01 * size)
-            self._add("house", moved(revolved(*(_DOME * 0.03 * size), STEEL, 14), place, UPRIGHT))
+            self._add("house", moved(revolved(_DOME[0] * 0.03 * size, _DOME[1] * 0.03 * size, STEEL, 14), place, UPRIGHT))
         self._lamp("white light", ahead, 0.0, top - 0.016 * size)
 
     def _lamp(self, paint: str, ahead: float, right: float, down: float) -> None:
@@ -358,7 +358,9 @@ class _Fittings:
             narrower = 1.0 - 0.05 * floor
             size = (0.13 * length * narrower, 0.86 * wide * narrower, storey)
             front = ahead - 0.004 * length * floor
-            band = moved(box((size[0] * 1.004, size[1] * 1.004, 0.32 * storey), STEEL), (front, 0.0, top - 0.6 * storey))
+            band = moved(
+                box((size[0] * 1.004, size[1] * 1.004, 0.32 * storey), STEEL), (front, 0.0, top - 0.6 * storey)
+            )
             top = self._box("house", size, front, 0.0, top)
             self._add("glass", band)
         bridge = (0.075 * length, 0.98 * wide, 0.8 * storey)
