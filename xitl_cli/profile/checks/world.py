@@ -38,13 +38,16 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _afloat(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Yield why the vessel does not float upright in still water, or moves too fast for the steps."""
+    """Yield why the vessel does not float upright in still water, moves too fast for the steps, or cannot be drawn."""
+    from sim_core.vessel.sections import visual_shape
     from sim_core.vessel.vessel import Vessel
 
     water = profile.environment.water if profile.environment else Water()
     rate_hz = profile.clock.physics_rate_hz if profile.clock else None
     try:
         Vessel.from_spec(vehicle, water, 1.0 / rate_hz if rate_hz else SHORT_STEP_S)
+        if vehicle.visual is not None:
+            visual_shape(vehicle.visual, vehicle.length_m)
     except SpecificationError as error:
         yield ("vehicle", *error.path), f"vehicle.{error}"
     except ActuatorError as error:

@@ -28,7 +28,7 @@ SHIP_SLENDERNESS = 3.8
 """Length over width from which a single hull is drawn as a ship."""
 _FULL_FORM = 0.75
 """Mean share of the width from which a ship is drawn as a tanker."""
-_STATIONS, _ROWS = 25, 6
+_STATIONS, _ROWS = 25, 8
 _LARGEST_DETAIL_M = 8.0
 """Length of the vessel beyond which its fittings grow no more."""
 MOST_DRAWN = 300_000
@@ -55,7 +55,7 @@ def vessel_parts(vehicle: VesselSpec, water: Water) -> tuple[VesselPart, ...]:
     waterline_m = -floating_pose(vehicle, water).depth_m
     parts: list[VesselPart] = []
     for hull in vehicle.demi_hulls:
-        parts += _hull(hull, waterline_m, len(vehicle.demi_hulls) > 1)
+        parts += hull_parts(hull, waterline_m, len(vehicle.demi_hulls) > 1)
     parts += _Fittings(vehicle, waterline_m).parts()
     return tuple(parts)
 
@@ -165,8 +165,11 @@ def _half_breadth_m(hull: DemiHull, height: Array) -> Array:
     return half * (1.0 - bilge * (1.0 - np.sqrt(1.0 - low**2)) * 1.6)
 
 
-def _hull(hull: DemiHull, waterline_m: float, several: bool) -> Iterator[VesselPart]:
-    """Yield bottom, topsides and deck. A mesh of the user is drawn as it is; one too large to draw, by its box."""
+def hull_parts(hull: DemiHull, waterline_m: float, several: bool) -> Iterator[VesselPart]:
+    """Yield bottom, topsides and deck of a hull. A mesh of the user is drawn as it is; one too large, by its box.
+
+    waterline_m: z of the water in body axes. several: the vessel has more hulls.
+    """
     if hull.mesh is not None:
         shape = hull_shape(hull)
         if len(shape.faces) > MOST_DRAWN:
@@ -179,12 +182,13 @@ def _hull(hull: DemiHull, waterline_m: float, several: bool) -> Iterator[VesselP
     lines = _lines(hull, several)
     water_m = np.clip(waterline_m, lines.deck_m, lines.keel_m)
     ship = not several and hull.length_m >= SHIP_SLENDERNESS * hull.width_m
-    for paint, low_m, high_m in (
-        ("bottom" if ship else "metal", lines.keel_m, water_m),
-        ("topsides" if ship else "hull", water_m, lines.deck_m),
-    ):
-        yield VesselPart(paint, _plating(hull, lines, low_m, high_m, flare=ship))
-    yield VesselPart("deck", _deck(hull, lines, flare=ship))
+    bottom = _plating(hull, lines, lines.keel_m, water_m, keel=True, flare=ship)
+    topsides = _plating(hull, lines, water_m, lines.deck_m, keel=False, flare=ship)
+    yield VesselPart("bottom" if ship else "metal", bottom)
+    yield VesselPart("topsides" if ship else "hull", topsides)
+    deck = _deck(hull, lines, flare=ship)
+    if len(deck.faces):  # the top of a round hull is a line
+        yield VesselPart("deck", deck)
 
 
 def _breadths(hull: DemiHull, lines: _Lines, down_m: Array, flare: bool) -> Array:
@@ -195,9 +199,9 @@ def _breadths(hull: DemiHull, lines: _Lines, down_m: Array, flare: bool) -> Arra
     return np.asarray(_half_breadth_m(hull, height) * share**fine)
 
 
-def _plating(hull: DemiHull, lines: _Lines, low_m: Array, high_m: Array, flare: bool) -> Mesh:
-    """Return both sides between two lines of z (S,), with the flat ends of the hull."""
-    turn = np.linspace(0.0, 1.0, _ROWS)
+def _plating(hull: DemiHull, lines: _Lines, low_m: Array, high_m: Array, *, keel: bool, flare: bool) -> Mesh:
+    """Return both sides between two lines of z (S,), with the flat ends of the hull. keel: with the floor."""
+    turn = 0.5 - 0.5 * np.cos(np.linspace(0.0, math.pi, _ROWS))  # closer at keel and deck
     down = low_m[:, None] + (high_m - low_m)[:, None] * turn  # (S, R), from the keel up
     half = _breadths(hull, lines, down, flare)
     # Columns go from the port edge down to the keel and up to the starboard edge
@@ -207,10 +211,13 @@ def _plating(hull: DemiHull, lines: _Lines, low_m: Array, high_m: Array, flare: 
     vertices = np.stack([x, y, z], axis=-1)
     count, columns = y.shape
     corner = np.arange(count * columns).reshape(count, columns)
-    here, ahead = corner[:-1, :-1], corner[1:, :-1]
-    beside, across = corner[:-1, 1:], corner[1:, 1:]
+    sides = np.arange(columns - 1)
+    if not keel:  # no floor between the two sides
+        sides = np.delete(sides, _ROWS - 1)
+    here, ahead = corner[:-1, sides], corner[1:, sides]
+    beside, across = corner[:-1, sides + 1], corner[1:, sides + 1]
     faces = [np.stack([here, ahead, across], -1).reshape(-1, 3), np.stack([here, across, beside], -1).reshape(-1, 3)]
-    for end, outward in ((corner[0], 1), (corner[-1], -1)):
+    for end, order in ((corner[0], 1), (corner[-1], -1)):
         port, starboard = end[:_ROWS][::-1], end[_ROWS:]
         cap = np.concatenate(
             [
@@ -218,7 +225,7 @@ def _plating(hull: DemiHull, lines: _Lines, low_m: Array, high_m: Array, flare: 
                 np.stack([port[:-1], starboard[1:], port[1:]], -1),
             ]
         )
-        faces.append(cap[:, ::-outward])
+        faces.append(cap[:, ::order])
     return _without_slivers(vertices.reshape(-1, 3), np.concatenate(faces))
 
 

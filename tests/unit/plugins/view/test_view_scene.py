@@ -13,6 +13,7 @@ from xitl_cli.plugins.view import shapes
 from xitl_cli.plugins.view.scene import make_view_scene, read_bodies, read_scene_updates, waves_of
 from xitl_cli.plugins.view.shapes import SCREEN_WATER, WaterGrid
 from xitl_cli.profile import load_profile
+from xitl_cli.run.world.colours import PAINTS
 from xitl_cli.run.world.scene import make_debris_scene, make_scene
 from xitl_cli.run.world.world import build_plant
 from xitl_cli.scenery import Scenery
@@ -58,7 +59,8 @@ def test_the_scene_of_a_run_is_read_back() -> None:
     scene = make_view_scene("sitl", read_scene_updates(make_scene([profile], Scenery(profile)).encode()), [profile])
     vessel = scene.vessels[""]
     corners = np.concatenate([frd_to_flu(hull_shape(hull).vertices_m) for hull in profile.vehicle.demi_hulls])
-    drawn = np.concatenate([mesh.vertices_m for mesh in vessel.meshes])
+    white = tuple(round(255 * value) for value in PAINTS["hull"])
+    drawn = np.concatenate([mesh.vertices_m for mesh in vessel.meshes if mesh.colour == white])
     assert drawn.min(axis=0)[:2] == pytest.approx(corners.min(axis=0)[:2], abs=0.02)
     assert vessel.length_m == pytest.approx(profile.vehicle.length_m, rel=0.1)
     places = [[thruster.place_flu_m[0], -thruster.place_flu_m[1]] for thruster in vessel.thrusters]
