@@ -110,7 +110,7 @@ def test_the_river_is_drawn() -> None:
     """As much as a recording can bear, and the world of before as it was."""
     profiles = load_profile("sitl").runnable(), river_profile()
     small, large = (len(make_scene([profile], Scenery(profile)).encode()) for profile in profiles)
-    assert small < 10_000
+    assert small < 110_000  # most is the shape of the vessel; 26 kB when compressed
     assert 500_000 < large < 4_000_000
 
 

@@ -11,9 +11,12 @@ the node /look has the time in s, the share of night and the speed of the wind a
     uniform vec3 xSun, xZenith, xHaze, xGlow;
     vec3 skyColour(vec3 d) {
       float up = max(d.y, 0.0);
-      vec3 colour = mix(xHaze, xZenith, 1.0 - exp(-3.2 * up));
-      float near = max(dot(d, xSun), 0.0);
-      return colour + xGlow * (0.10 * pow(near, 6.0) + 0.35 * pow(near, 90.0));
+      float near = max(dot(d, xSun), 0.0), wide = near * near * near;
+      return mix(xHaze, xZenith, up / (up + 0.22)) + 0.10 * wide * wide * xGlow;
+    }
+    vec3 glow(vec3 d, float narrow, float broad) { // of the sun in the sky, or mirrored
+      float near = pow(max(dot(d, xSun), 0.0), 40.0), square = near * near;
+      return xGlow * (narrow * square * square * square + broad * near);
     }`;
   const NOISE = `
     float xHash(vec2 p) { p = fract(p * vec2(123.34, 456.21)); p += dot(p, p + 45.32); return fract(p.x * p.y); }
@@ -33,8 +36,8 @@ the node /look has the time in s, the share of night and the speed of the wind a
     uniform float xTime, xNight;
     varying vec3 vAhead;
     void main() {
-      vec3 d = normalize(vAhead);
-      vec3 colour = skyColour(d);
+      vec3 d = normalize(vAhead), colour = xHaze;
+      if (d.y > 0.0) colour = skyColour(d) + glow(d, 0.25, 0.15); // most of the rest is water
       if (d.y > 0.02) {
         vec2 p = d.xz / (d.y + 0.12) * 1.3 + 0.004 * xTime;
         float cloud = 0.55 * xNoise(p) + 0.28 * xNoise(2.1 * p + 5.0) + 0.17 * xNoise(4.3 * p + 9.0);
@@ -44,55 +47,62 @@ the node /look has the time in s, the share of night and the speed of the wind a
       float disc = smoothstep(0.99985, 0.99993, dot(d, xSun));
       gl_FragColor = vec4(mix(colour, vec3(1.0, 0.99, 0.95), disc * (1.0 - xNight)), 1.0);
     }`;
-  const WATER_HEAD = SKY + NOISE + `
+  // Fresnel reflection of the sky, glitter of the sun, light from the water, foam; as the cameras draw it.
+  const WATER_FRAGMENT = SKY + NOISE + `
+    uniform vec3 diffuse;
+    uniform float opacity;
+    varying vec3 vViewPosition, vNormal;
     uniform float xTime, xNight, xWind, xFar;
     uniform vec4 xMap;         // middle of the map of wakes, 1 / its size, 1 / the scale of foam
     uniform vec4 xEastNorth;   // directions of east and north
     uniform sampler2D xRipples, xWakes;
-  `;
-  // Fresnel reflection of the sky, glitter of the sun, light from the water, foam; as the cameras draw it.
-  const WATER_END = `
-    {
-      vec3 eye = inverseTransformDirection(normalize(vViewPosition), viewMatrix);
+    vec3 inWorld(vec3 direction) { return normalize((vec4(direction, 0.0) * viewMatrix).xyz); }
+    void main() {
+      vec3 eye = inWorld(vViewPosition), wave = inWorld(vNormal);
       vec3 place = cameraPosition - transpose(mat3(viewMatrix)) * vViewPosition;
       float far = length(vViewPosition);
-      vec3 wave = inverseTransformDirection(normal, viewMatrix);
       float strength = (0.35 + 0.05 * min(xWind, 10.0)) / (1.0 + 0.012 * far);
       vec2 a = place.xz / ${TILE_M.toFixed(1)}, b = vec2(0.8 * a.x - 0.6 * a.y, 0.6 * a.x + 0.8 * a.y) * 0.37;
       vec4 one = texture2D(xRipples, a + 0.022 * xTime * vec2(0.8, 0.6));
       vec4 two = texture2D(xRipples, b - 0.011 * xTime * vec2(0.3, 0.9));
-      vec4 fine = texture2D(xRipples, 4.7 * b + 0.05 * xTime * vec2(0.7, 0.5));
-      vec2 slope = strength * ((one.xy - 0.5) + 0.8 * (two.xy - 0.5) + 0.5 * (fine.xy - 0.5));
+      vec2 slope = one.xy - 0.5 + 0.8 * (two.xy - 0.5);
+      if (far < 40.0) {
+        slope += (0.5 - 0.0125 * far) * (textureLod(xRipples, 4.7 * b + 0.05 * xTime * vec2(0.7, 0.5), 0.0).xy - 0.5);
+      }
+      slope *= strength;
       vec3 n = normalize(wave + vec3(slope.x, 0.0, slope.y));
       float facing = clamp(dot(n, eye), 0.0, 1.0);
-      float fresnel = 0.02 + 0.98 * pow(1.0 - facing, 5.0) / (1.0 + 0.9 * strength);
+      float away = 1.0 - facing, away2 = away * away;
+      float fresnel = 0.02 + 0.98 * away2 * away2 * away / (1.0 + 0.9 * strength);
       vec3 back = reflect(-eye, n);
       back.y = abs(back.y) + 0.01;
-      vec3 mirrored = skyColour(normalize(back));
+      back = normalize(back);
+      vec3 mirrored = skyColour(back);
       vec3 body = diffuse * (0.62 + 0.5 * clamp(dot(n, xSun), 0.0, 1.0)) + diffuse * 1.4 * max(1.0 - wave.y, 0.0);
       body = sqrt(clamp(body, 0.0, 1.0)) * mix(0.94, 0.5, xNight);
       vec3 colour = mix(body, mirrored, fresnel);
-      float near = max(dot(normalize(back), xSun), 0.0);
-      colour += xGlow * (1.5 * pow(near, 260.0) + 0.22 * pow(near, 30.0)) * (0.3 + 0.7 * fresnel);
+      colour += glow(back, 1.5, 0.2) * (0.3 + 0.7 * fresnel);
       vec2 off = (place.xz - xMap.xy) * xMap.z;
       vec2 on = vec2(dot(off, xEastNorth.xy), dot(off, xEastNorth.zw)) + 0.5;
       float rough = 0.5 * (one.b + two.b);
       if (all(lessThan(abs(on - 0.5), vec2(0.5)))) {
         vec4 wake = texture2D(xWakes, on);
-        vec2 at = place.xz * xMap.w;
-        float grain = 0.5 * xNoise(5.0 * at) + 0.3 * xNoise(13.0 * at + 3.0) + 0.2 * rough;
-        float foam = 0.8 * smoothstep(0.0, 0.4, grain + 1.05 * wake.r - 0.92) * smoothstep(0.0, 0.15, wake.r);
+        float foam = 0.0;
+        if (wake.r > 0.0) {
+          vec2 at = place.xz * xMap.w;
+          float grain = 0.5 * xNoise(5.0 * at) + 0.3 * xNoise(13.0 * at + 3.0) + 0.2 * rough;
+          foam = 0.8 * smoothstep(0.0, 0.4, grain + 1.05 * wake.r - 0.92) * smoothstep(0.0, 0.15, wake.r);
+        }
         colour *= 1.0 - 0.5 * wake.b;
         colour = mix(colour, vec3(mix(0.93, 0.45, xNight)), foam);
       }
       float share = clamp((xWind - 5.0) / 18.0, 0.0, 0.3);
-      if (share > 0.0) {
+      if (share > 0.0 && far < 250.0) {
         float crest = smoothstep(0.78 - share, 0.98 - share, xNoise(place.xz * 0.35 - 0.25 * xTime) * 0.75 + 0.35 * rough);
         colour = mix(colour, vec3(mix(0.9, 0.4, xNight)), 0.6 * crest * smoothstep(0.5, 0.62, rough));
       }
       colour = mix(colour, xHaze, 1.0 - exp(-max(far - 60.0, 0.0) / xFar));
-      float depth = gl_FragColor.a + (1.0 - gl_FragColor.a) * max(fresnel, smoothstep(20.0, 200.0, far));
-      gl_FragColor = vec4(colour, depth);
+      gl_FragColor = vec4(colour, mix(opacity, 1.0, max(fresnel, smoothstep(20.0, 200.0, far))));
     }`;
 
   let dressing = null;
@@ -137,7 +147,7 @@ the node /look has the time in s, the share of night and the speed of the wind a
     const made = new Texture(canvas);
     made.wrapS = made.wrapT = repeats ? 1000 : 1001;
     made.generateMipmaps = repeats;
-    made.minFilter = repeats ? 1008 : 1006;
+    made.minFilter = repeats ? 1007 : 1006;
     made.needsUpdate = true;
     return made;
   }
@@ -187,11 +197,7 @@ the node /look has the time in s, the share of night and the speed of the wind a
     material.userData.xitl = true;
     material.onBeforeCompile = (shader) => {
       Object.assign(shader.uniforms, dressing.uniforms);
-      const main = "void main() {";
-      const last = "#include <dithering_fragment>";
-      if (!shader.fragmentShader.includes(last)) return;
-      shader.fragmentShader = shader.fragmentShader.replace(main, `${WATER_HEAD}\n${main}`)
-        .replace(last, `${WATER_END}\n${last}`);
+      shader.fragmentShader = WATER_FRAGMENT;
     };
     material.customProgramCacheKey = () => "xitl water";
     material.needsUpdate = true;

@@ -28,7 +28,7 @@ SHIP_SLENDERNESS = 3.8
 """Length over width from which a single hull is drawn as a ship."""
 _FULL_FORM = 0.75
 """Mean share of the width from which a ship is drawn as a tanker."""
-_STATIONS, _ROWS = 25, 8
+_STATIONS, _ROWS = 21, 7
 _LARGEST_DETAIL_M = 8.0
 """Length of the vessel beyond which its fittings grow no more."""
 MOST_DRAWN = 300_000
@@ -476,7 +476,7 @@ def _spokes(radius: float) -> Iterator[Mesh]:
         yield moved(moved(bar, (-0.14 * radius, 0.0, 0.0)), np.zeros(3), _about_ahead(angle))
 
 
-def _ring(outer_m: float, inner_m: float, half_m: float, sides: int = 32) -> Mesh:
+def _ring(outer_m: float, inner_m: float, half_m: float, sides: int = 24) -> Mesh:
     """Return a ring about x between two radii, from -half_m to half_m."""
     turn = 2.0 * math.pi * np.arange(sides) / sides
     rings = [
