@@ -83,7 +83,9 @@ def test_the_view_and_the_cameras_draw_the_same_vessel(tmp_path: Path) -> None:
     for part in parts:
         used = part.mesh.vertices_m[np.unique(part.mesh.faces)]
         for drawn in (in_view, in_camera["position"].astype(float)):
-            assert {tuple(row) for row in np.round(used, 3).tolist()} <= {tuple(row) for row in np.round(drawn, 3).tolist()}
+            assert {tuple(row) for row in np.round(used, 3).tolist()} <= {
+                tuple(row) for row in np.round(drawn, 3).tolist()
+            }
     colours = {mesh.colour for mesh in vessel.meshes}
     assert colours == {tuple(round(255 * value) for value in PAINTS[part.paint]) for part in parts}
 
@@ -106,7 +108,9 @@ def test_a_mesh_of_the_user_replaces_the_shape(tmp_path: Path, kind: str) -> Non
 
 def test_a_mesh_in_millimetres_is_refused(tmp_path: Path) -> None:
     trimesh.creation.box((2300.0, 1600.0, 500.0)).export(tmp_path / "boat.stl")
-    with pytest.raises(UserError, match=r"vehicle\.visual\.scale.* 2.3e\+03 m long.*the vessel is 2\.3 m long; use 0\.001"):
+    with pytest.raises(
+        UserError, match=r"vehicle\.visual\.scale.* 2.3e\+03 m long.*the vessel is 2\.3 m long; use 0\.001"
+    ):
         profile_of(tmp_path, "vehicles/asv-full", "vehicle: {visual: {file: boat.stl}}\n")
     profile_of(tmp_path, "vehicles/asv-full", "vehicle: {visual: {file: boat.stl, scale: 0.001}}\n")
 

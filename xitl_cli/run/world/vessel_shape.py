@@ -298,7 +298,9 @@ class _Fittings:
         self._add("metal", yard)
         for side in (-1.0, 1.0):
             place = (ahead, side * 0.1 * size, bottom - 0.8 * height - 0.01 * size)
-            self._add("house", moved(revolved(_DOME[0] * 0.03 * size, _DOME[1] * 0.03 * size, STEEL, 14), place, UPRIGHT))
+            self._add(
+                "house", moved(revolved(_DOME[0] * 0.03 * size, _DOME[1] * 0.03 * size, STEEL, 14), place, UPRIGHT)
+            )
         self._lamp("white light", ahead, 0.0, top - 0.016 * size)
 
     def _lamp(self, paint: str, ahead: float, right: float, down: float) -> None:
