@@ -51,10 +51,15 @@ def opened(browser: Any, url: str, offline: bool) -> tuple[Any, list[str]]:
     page = unhurried(browser.new_context(viewport={"width": 800, "height": 500}, offline=offline).new_page())
     wrong: list[str] = []
     page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda said: wrong.append(said.text) if BROKEN_LOOK.search(said.text) else None)
     page.on("request", lambda request: wrong.append(request.url) if elsewhere(request.url, url) else None)
     page.goto(url)
     page.wait_for_function("window.__viserMutable && window.__viserMutable.nodePoseData['/vessels/vessel']")
+    page.wait_for_function("window.xitlLook && window.xitlLook.water && window.xitlLook.sky")
     return page, wrong
+
+
+BROKEN_LOOK = re.compile("Shader Error|xitl look")
 
 
 def elsewhere(url: str, own: str) -> bool:
