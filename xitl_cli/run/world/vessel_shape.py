@@ -3,9 +3,9 @@
 Recordings, views, pictures, Foxglove and cameras draw these parts. All meshes are in the axes of the vessel, FRD.
 
 A profile gives the sections of a hull, and their widths along its length. The lines between them are chosen as boats
-have them: a raked bow with sheer and flare, and a forefoot that rises. No part reaches beyond the length and the width
-of the profile's hulls. The parts above the deck are chosen too, because a profile does not describe them: a platform
-on several hulls; the deckhouses and hatches of a ship on a slender single hull; a cabin on any other.
+have them: a raked bow with sheer and flare, and a forefoot that rises. The hulls keep the length and the width of the
+profile. The parts above the deck are chosen too, because a profile does not describe them: a platform on several hulls,
+the deckhouses and hatches of a ship on a slender single hull, and a cabin on any other.
 """
 
 from __future__ import annotations
