@@ -22,7 +22,7 @@ COMPANION_QUIET = r"^warning: no word from the companion for 0\.5 s"
 GIVEN_UP = "^warning: the run continues without its companion"
 STALLED = "^warning: this machine stalled and the world paused"
 STEPPED = r"^warning: the clock of LC stepped by \+"
-INTERRUPTED = "^ended: interrupted"
+INTERRUPTED = "^interrupted"
 NO_IMU = "^Failsafe: no IMU"
 
 
