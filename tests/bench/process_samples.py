@@ -72,9 +72,7 @@ def growth(samples: Sequence[Sample], settle_s: float) -> Growth | None:
         return None
     columns = {name: np.array([asdict(each)[name] for each in settled], dtype=float) for name in asdict(settled[0])}
     hours = columns["at_s"] / 3600.0
-    slopes = {
-        name: theilslopes(columns[f"{name}_kib"] * 1024e-6, hours, alpha=0.95) for name in ("rss", "pss", "uss")
-    }
+    slopes = {name: theilslopes(columns[f"{name}_kib"] * 1024e-6, hours, alpha=0.95) for name in ("rss", "pss", "uss")}
     third = len(settled) // 3
     last = {name: float(np.median(values[-third:])) for name, values in columns.items()}
     first = {name: float(np.median(values[:third])) for name, values in columns.items()}

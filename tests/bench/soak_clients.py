@@ -44,7 +44,7 @@ class Client(threading.Thread):
     def run(self) -> None:
         try:
             self.serve()
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  the result names it
             self.failure = f"{self.name}: {error!r}"
 
     def serve(self) -> None:

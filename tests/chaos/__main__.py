@@ -94,8 +94,7 @@ class Chaos:
             effect = self._event(event, outcome)
             effects.append(effect)
             print(
-                f"{len(self.outcomes):4} run {number:3} {event.name:30} "
-                + ("; ".join(outcome.problems) or "holds"),
+                f"{len(self.outcomes):4} run {number:3} {event.name:30} " + ("; ".join(outcome.problems) or "holds"),
                 flush=True,
             )
         if not planned.events[-1].ends:
@@ -154,7 +153,7 @@ class Chaos:
             with open_log(self._rig.run_folder) as log:
                 health = log.health
                 newest_s = float(log["/truth/state"].stamp_ns[-1]) * 1e-9
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  any error is a finding
             return None, [f"the recording cannot be read: {error!r}"]
         problems = [f"the recording is damaged: {health.as_json()}"] if health.damaged or health.lost_bytes else []
         if at_s - newest_s > READABLE_S:

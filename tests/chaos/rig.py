@@ -208,8 +208,10 @@ def time_namespaces_permitted() -> bool:
     """Whether a program can be started with another monotonic clock."""
     if shutil.which("unshare") is None:
         return False
-    command = ["unshare", "--time", "--monotonic", "1000000", sys.executable, "-c", "import time; print(time.monotonic())"]
-    shown = subprocess.run(command, capture_output=True, text=True, check=False)
+    command = ["unshare", "--time", "--monotonic", "1000000", sys.executable, "-c"]
+    shown = subprocess.run(
+        [*command, "import time; print(time.monotonic())"], capture_output=True, text=True, check=False
+    )
     return shown.returncode == 0 and float(shown.stdout) > time.monotonic() + 900_000
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
@@ -71,7 +72,7 @@ class _Poses:
             self._file.write(_PACK_POSE(stamp_ns, *pos_m.tolist(), *quat_wxyz.tolist()))
         except OSError as error:
             raise UserError(
-                f"{gettempdir()}: the poses of the companion cannot be kept ({error.strerror}); free space and run again"
+                f"{gettempdir()}: the companion's poses cannot be kept ({error.strerror}); free space and run again"
             ) from error
         self._count += 1
 
@@ -95,7 +96,8 @@ class FindingsNode(RunNode):
         self.score = score
         self.clouds = CloudReassembler()
         self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
-        self._seen: dict[MapSource, list[tuple[int, int]]] = {source: [] for source in _SOURCES.values()}
+        self._lidar_seen = array("q")
+        """Stamp and number of the points of each part of the lidar's map."""
         self._frame = frame
         self._boom = boom
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
@@ -164,7 +166,7 @@ class FindingsNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         points, _ = self.map_points("lidar")
-        stamps, counts = np.array(self._seen["lidar"], dtype=np.int64).reshape(-1, 2).T
+        stamps, counts = np.array(self._lidar_seen, dtype=np.int64).reshape(-1, 2).T
         seen = SeenPoints(points.astype(np.float32), np.repeat(stamps, counts))
         accuracy = perception_sections(self.truth(), self.odometry(), seen, self._boom)
         return {
@@ -233,7 +235,8 @@ class FindingsNode(RunNode):
                 points, intensity = self.maps[source]
                 points += cloud.points_m.tobytes()
                 intensity += cloud.intensity.tobytes()
-                self._seen[source].append((cloud.stamp_ns, len(cloud.points_m)))
+                if source == "lidar":
+                    self._lidar_seen.extend((cloud.stamp_ns, len(cloud.points_m)))
                 self._recorder.perception.map_points(self._step_ns(), cloud.points_m, cloud.intensity, source)
 
     def _on_obstacle(self, message: Any) -> None:

@@ -64,7 +64,8 @@ def test_a_step_of_the_agents_clock_is_logged_once() -> None:
     logged: list[tuple[int, str]] = []
     host_ns = 0
     recorder = SimpleNamespace(
-        write=lambda stamp_ns, record: None, log=lambda stamp_ns, severity, source, text: logged.append((severity, text))
+        write=lambda stamp_ns, record: None,
+        log=lambda stamp_ns, severity, source, text: logged.append((severity, text)),
     )
     one = inbox(False, [], recorder)
     one.timing = LinkTiming("LC", lambda: host_ns)

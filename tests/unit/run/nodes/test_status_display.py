@@ -62,6 +62,4 @@ def test_a_warning_of_the_run_is_shown_when_it_occurs(tmp_path: Path) -> None:
     recorder.log(3, 4, "autopilot", "PreArm: no position")
     recorder.log(4, 3, "run", "the agent was killed")
     recorder.close()
-    assert stream.getvalue() == (
-        "warning: the hull is long\nwarning: no motor commands from the agent for 0.5 s\n"
-    )
+    assert stream.getvalue() == ("warning: the hull is long\nwarning: no motor commands from the agent for 0.5 s\n")
