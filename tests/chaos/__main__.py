@@ -116,6 +116,7 @@ class Chaos:
             outcome.problems.append(f"exit code {rig.host.process.returncode}, not {effect.code}")
         outcome.unreadable_s, problems = self._readable(at_s)
         outcome.problems += problems
+        rig.absent |= effect.gone
         if effect.code is None:
             try:
                 rig.wait_for_drive()

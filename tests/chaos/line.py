@@ -5,6 +5,7 @@ from __future__ import annotations
 import selectors
 import socket
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ from agent.wire import dialect
 
 LONGEST_BYTES = 65535
 BUFFER_BYTES = 1 << 22
+TALKS_S = 0.3
 _HEAD, _TAIL, _SIGNATURE = 10, 2, 13
 
 
@@ -24,6 +26,8 @@ class Cable:
     board_port: int
     board_side: socket.socket = field(default_factory=lambda: _udp())
     host: tuple[str, int] | None = None
+    heard_s: float = 0.0
+    """When the board was last heard, on the monotonic clock."""
     withheld_to_agent: int = 0
     withheld_from_agent: int = 0
 
@@ -63,6 +67,10 @@ class Line(threading.Thread):
                 cable.withheld_to_agent = cable.withheld_from_agent = 0
                 self._selector.register(cable.board_side, selectors.EVENT_READ, (name, False))
 
+    def talks(self, name: str) -> bool:
+        """Whether the board of a cable was heard just now."""
+        return time.monotonic() - self.cables[name].heard_s < TALKS_S
+
     def run(self) -> None:
         while not self._stopped.is_set():
             ready = self._selector.select(0.1)
@@ -96,6 +104,7 @@ class Line(threading.Thread):
             if passes:
                 cable.board_side.sendto(data, ("127.0.0.1", far.board_port))
             return
+        cable.heard_s = time.monotonic()
         cable.withheld_from_agent += withheld * sum(1 for _ in frames(data))
         if passes and far.host is not None:
             far.host_side.sendto(data, far.host)

@@ -155,6 +155,8 @@ class Rig:
         self._ports = ports
         self._started = 0
         self.boards: dict[str, Program] = {}
+        self.absent: frozenset[str] = frozenset()
+        """Boards that have left the present run."""
         self.host: Program
         self.run_folder = folder
         for name in ports:
@@ -181,6 +183,7 @@ class Rig:
             if board.gone:
                 self.start_board(name)
         self.line.begin_run()
+        self.absent = frozenset()
         (self.folder / "chaos.yaml").write_text(json.dumps(profile_of(self.line, clock_step_s)))
         self.run_folder = self.folder / "disk" / f"run-{number}"
         command = [sys.executable, "-m", "xitl_cli.main", "sim", "chaos.yaml", "--out", str(self.run_folder)]
@@ -188,8 +191,13 @@ class Rig:
         self.wait_for_drive()
 
     def wait_for_drive(self) -> None:
-        """Wait until the autopilot drives the vessel. Raises AssertionError when it does not."""
-        wait_until(lambda: self.outputs.driving or self.host.gone, "the outputs do not resume", PATIENCE_S / 2)
+        """Wait until the autopilot drives the vessel and all boards talk. Raises AssertionError when they do not."""
+        present = self.boards.keys() - self.absent
+
+        def drives() -> bool:
+            return self.outputs.driving and all(map(self.line.talks, present))
+
+        wait_until(lambda: drives() or self.host.gone, "the outputs do not resume", PATIENCE_S / 2)
         assert not self.host.gone, f"the run ended: {self.host.said}"
 
     def summary(self) -> dict[str, Any]:
