@@ -91,6 +91,8 @@ class Station(Client):
         from pymavlink import mavutil
 
         self._link = mavutil.mavlink_connection(self._url, source_system=self._system, dialect="ardupilotmega")
+        # The run is over: pymavlink would print that for ever.
+        self._link.handle_eof = self._link.handle_disconnect = self.stop
         self.counts["connections"] += 1
         until_s = time.monotonic() + self._stay_s
         try:
