@@ -225,9 +225,11 @@ def recording_problems(folder: Path, summary: Mapping[str, Any]) -> Iterator[str
 
 def clock_relations(folder: Path, faults: Faults) -> dict[str, dict[str, float]]:
     """By node: change of its offset less the injected steps, over the run; largest and last drift; steps."""
-    injected_s = sum(keys["agent"].get("clock_offset_s", 0.0) for keys in faults.values() if "agent" in keys)
     relations = {}
     with open_log(folder) as log:
+        ended_s = log["/truth/state"].stamp_ns[-1] * 1e-9
+        begun = [keys["agent"] for keys in faults.values() if "agent" in keys and keys["from_s"] < ended_s]
+        injected_s = sum(agent.get("clock_offset_s", 0.0) for agent in begun)
         clocks = log["/clocks"]
         names = np.asarray(clocks["node"])
         for node in sorted(set(names.tolist()) - {"PS1"}):

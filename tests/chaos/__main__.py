@@ -125,7 +125,7 @@ class Chaos:
         return effect
 
     def _texts(self) -> str:
-        return "\n".join(text for _, text in self._rig.outputs.texts)
+        return "\n".join(text for _, text in self._rig.outputs.texts.copy())
 
     def _sentence_problems(self, effect: Effect, before: str) -> Iterator[str]:
         def added() -> int:
@@ -142,7 +142,9 @@ class Chaos:
 
     def _neutral(self, began_s: float, ended_s: float) -> tuple[float | None, list[str]]:
         """Return when the last output was not neutral, and what is wrong with that."""
-        seen = [(at_s - began_s, neutral) for at_s, neutral in self._rig.outputs.outputs if began_s < at_s < ended_s]
+        seen = [
+            (at_s - began_s, neutral) for at_s, neutral in self._rig.outputs.outputs.copy() if began_s < at_s < ended_s
+        ]
         if not any(at_s > NEUTRAL_S for at_s, _ in seen):
             return None, [] if ended_s - began_s < NEUTRAL_S + 0.2 else ["no outputs were heard"]
         last_s = max((at_s for at_s, neutral in seen if not neutral), default=0.0)
@@ -202,8 +204,8 @@ def chaos(folder: Path, seed: int, events: int, small_disk: bool) -> dict[str, A
         for number, planned in enumerate(runs, start=1):
             try:
                 chaos.run(number, planned)
-            except AssertionError as error:
-                problems.append(f"run {number}: {error}\n{traceback.format_exc()}")
+            except Exception as error:  # noqa: BLE001  any error is a finding, and the next run may tell more
+                problems.append(f"run {number}: {error!r}\n{traceback.format_exc()}")
                 rig.host.kill()
                 shutil.rmtree(rig.run_folder, ignore_errors=True)
     finally:
