@@ -202,8 +202,6 @@ def recording_problems(folder: Path, summary: Mapping[str, Any]) -> Iterator[str
                 topic = found.channels[number].topic
                 in_files[topic] = in_files.get(topic, 0) + count
     with open_log(folder) as log:
-        if log.health.degraded or log.health.undecoded:
-            yield f"the recording is degraded: {log.health.as_json()}"
         for part in log.files:
             for topic, repeated in part.repeated.items():
                 in_files[topic] -= repeated
@@ -211,7 +209,11 @@ def recording_problems(folder: Path, summary: Mapping[str, Any]) -> Iterator[str
             rows = sum(1 for _ in log.payloads(topic))
             if rows != count:
                 yield f"{topic}: {rows} rows in the set, {count} in its files"
-        for name, table in log.tables.items():
+        tables = dict(log.tables)
+        for topic in log.tables:
+            if topic.startswith("/link/"):
+                tables |= log.frame_tables(topic)
+        for name, table in tables.items():
             stamps_ns = table.stamp_ns
             if len(stamps_ns) != len(table):
                 yield f"{name}: {len(stamps_ns)} stamps for {len(table)} rows"
@@ -221,6 +223,8 @@ def recording_problems(folder: Path, summary: Mapping[str, Any]) -> Iterator[str
         states_ns = log["/truth/state"].stamp_ns
         if np.any(np.diff(states_ns) != states_ns[0]):
             yield "/truth/state has a gap"
+        if log.health.degraded or log.health.undecoded:
+            yield f"the recording is degraded: {log.health.as_json()}"
 
 
 def clock_relations(folder: Path, faults: Faults) -> dict[str, dict[str, float]]:
