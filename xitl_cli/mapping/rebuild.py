@@ -162,11 +162,11 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
             if pose is not None:
                 parts[SONAR].append(cloud_map.add(pose, *echo_points(echoes[used]), SONAR))
             used += 1
-    points, intensity = zip(NO_POINTS, *parts[LIDAR], *parts[SONAR], strict=True)
+    mapped = [NO_POINTS, *parts[LIDAR], *parts[SONAR]]
     return Rebuilt(
         trajectory_of(registered),
-        np.concatenate(points),
-        np.concatenate(intensity),
+        np.concatenate([part.points_odom_m for part in mapped]),
+        np.concatenate([part.intensity for part in mapped]),
         np.repeat(
             np.array([LIDAR, SONAR], dtype=np.uint8),
             [sum(len(part.intensity) for part in parts[source]) for source in (LIDAR, SONAR)],
