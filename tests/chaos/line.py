@@ -105,7 +105,8 @@ class Line(threading.Thread):
                 cable.board_side.sendto(data, ("127.0.0.1", far.board_port))
             return
         cable.heard_s = time.monotonic()
-        cable.withheld_from_agent += withheld * sum(1 for _ in frames(data))
+        if source[1] == cable.board_port:  # another board, which has no run, may answer on a swapped cable
+            cable.withheld_from_agent += withheld * sum(1 for _ in frames(data))
         if passes and far.host is not None:
             far.host_side.sendto(data, far.host)
 
