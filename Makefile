@@ -14,7 +14,7 @@ PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check -
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-slow test-realtime checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages figures figures-of-vehicles paper soak wheel dist sbom audit mutate fuzz lock clean
+.PHONY: run package test test-fast test-slow test-realtime checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -144,6 +144,12 @@ paper: $(VENV)/.dev  ## the paper's experiments, and their tables and figures in
 
 soak: $(VENV)/.dev  ## ten minutes at 2000 messages a second: what was lost
 	$(BIN)/python -m tests.bench.soak
+
+soak-long: $(VENV)/.dev  ## hours of hitl-loopback with stations, companion, view and faults: memory, files, counts (HOURS=2 SEED=1)
+	$(BIN)/python -m tests.bench.soak_long $(if $(HOURS),--hours $(HOURS)) $(if $(SEED),--seed $(SEED))
+
+chaos: $(VENV)/.dev  ## random events against host, autopilot and companion, and what holds after each (SEED=1 EVENTS=200)
+	$(BIN)/python -m tests.chaos $(if $(SEED),--seed $(SEED)) $(if $(EVENTS),--events $(EVENTS))
 
 dist: $(VENV)/.dev  ## wheel, sdist, agent, bill of materials and checksums in dist/, the same bytes each time
 	rm -rf dist

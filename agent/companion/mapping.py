@@ -33,12 +33,17 @@ class MapPoints(NamedTuple):
     """(k,)."""
 
 
+NO_POINTS = MapPoints(np.empty((0, 3), dtype=np.float32), np.empty(0, dtype=np.uint8))
 HITS_NEEDED = {LIDAR: 2, SONAR: 1}
 """Number of clouds or pings that must hit a cell before it counts."""
 
 
+MOST_ONCE = 1 << 17
+"""Cells with one hit that are kept, some 35 MB. Drops of water add them for as long as a run lasts."""
+
+
 class CloudMap:
-    """Cells of size cell_m, with one point per cell and source.
+    """Cells of size cell_m, with one point per cell and source. The caller keeps the points.
 
     Points farther than far_m from the body are dropped, because one degree is one metre at 60 m. The map covers 2**19
     cells around its origin. Points outside are refused.
@@ -49,7 +54,6 @@ class CloudMap:
         self._far_m = far_m
         self._cells: set[int] = set()
         self._once: dict[int, tuple[float, float, float]] = {}
-        self._parts: list[tuple[Points, Intensity, int]] = []
         self.refused = 0
 
     def __len__(self) -> int:
@@ -77,20 +81,11 @@ class CloudMap:
                 before = self._once.pop(key, None)
                 if before is None:
                     self._once[key] = tuple(place)
+                    if len(self._once) > MOST_ONCE:
+                        del self._once[next(iter(self._once))]
                     continue
                 place = [0.5 * (here + there) for here, there in zip(place, before)]
             self._cells.add(key)
             rows.append(row)
             places.append(place)
-        added = MapPoints(np.array(places, dtype=np.float32).reshape(-1, 3), intensity[rows])
-        if rows:
-            self._parts.append((*added, source))
-        return added
-
-    def points_by(self, source: int = LIDAR) -> MapPoints:
-        """Return all points of one source, in the order of arrival."""
-        parts = [(points, intensity) for points, intensity, by in self._parts if by == source]
-        if not parts:
-            return MapPoints(np.empty((0, 3), dtype=np.float32), np.empty(0, dtype=np.uint8))
-        points, intensity = zip(*parts)
-        return MapPoints(np.concatenate(points), np.concatenate(intensity))
+        return MapPoints(np.array(places, dtype=np.float32).reshape(-1, 3), intensity[rows])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from agent.companion.autopilot_state import AutopilotState
 from agent.companion.clouds import CloudReassembler, cloud_messages
-from agent.companion.mapping import LIDAR, SONAR, CloudMap
+from agent.companion.mapping import LIDAR, NO_POINTS, SONAR, CloudMap, MapPoints
 from agent.companion.odometry import LidarOdometry, OdometryError, RegisteredCloud
 from agent.companion.odometry_filters import AutopilotMotionSource
 from agent.companion.perception import PATIENCE_NS
@@ -142,6 +142,7 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
     cloud_map = CloudMap(settings["MAP_CELL"], settings["MAP_RANGE"])
     wire, registered, count = CloudReassembler(), list[RegisteredCloud](), 0
     seen = list[NDArray[np.int64]]()
+    parts: dict[int, list[MapPoints]] = {LIDAR: [], SONAR: []}
     echoes = pings(log)
     used = 0
     for cloud in clouds(log):
@@ -154,18 +155,22 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
                     registered.append(result)
                     intensity = received.intensity[result.kept]
                     added = cloud_map.add(result.pose_odom, result.points_frd_m, intensity, LIDAR)
+                    parts[LIDAR].append(added)
                     seen.append(np.full(len(added.intensity), received.stamp_ns))
         while used < len(echoes) and echoes[used].stamp_ns <= cloud.end_ns:
             pose = odometry.pose_at(echoes[used].stamp_ns)
             if pose is not None:
-                cloud_map.add(pose, *echo_points(echoes[used]), SONAR)
+                parts[SONAR].append(cloud_map.add(pose, *echo_points(echoes[used]), SONAR))
             used += 1
-    parts = [cloud_map.points_by(source) for source in (LIDAR, SONAR)]
+    mapped = [NO_POINTS, *parts[LIDAR], *parts[SONAR]]
     return Rebuilt(
         trajectory_of(registered),
-        np.concatenate([part.points_odom_m for part in parts]),
-        np.concatenate([part.intensity for part in parts]),
-        np.repeat(np.array([LIDAR, SONAR], dtype=np.uint8), [len(part.intensity) for part in parts]),
+        np.concatenate([part.points_odom_m for part in mapped]),
+        np.concatenate([part.intensity for part in mapped]),
+        np.repeat(
+            np.array([LIDAR, SONAR], dtype=np.uint8),
+            [sum(len(part.intensity) for part in parts[source]) for source in (LIDAR, SONAR)],
+        ),
         np.concatenate([np.empty(0, np.int64), *seen]),
         count,
         used,

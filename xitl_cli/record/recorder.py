@@ -233,6 +233,7 @@ class Recorder:
         self._file = path if isinstance(path, McapFile) else McapFile(path, compression)
         self._topics = TopicWriter(self._file, links if from_start else (), vessel, from_start)
         self._records = _RECORDS
+        self._log_readers: list[Callable[[int, int, str, str], object]] = []
         self._sent, self._received = self._topics.link_channels("tx"), self._topics.link_channels("rx")
 
     @cached_property
@@ -347,8 +348,14 @@ class Recorder:
         """Write a log message of a node. `severity`: MAV_SEVERITY."""
         level = _LEVELS[min(max(severity, 0), 7)]
         name = self._topics.source(source)
+        for read in self._log_readers:
+            read(stamp_ns, severity, name, text)
         entry = messages.Log(timestamp=timestamp(stamp_ns), level=level, name=name, message=text)
         self._topics.write("/log", stamp_ns, entry)
+
+    def on_log(self, read: Callable[[int, int, str, str], object]) -> None:
+        """Call `read` with the stamp, severity (MAV_SEVERITY), source and text of each log message from now on."""
+        self._log_readers.append(read)
 
     def scene(self, update: messages.SceneUpdate, stamp_ns: int = 0) -> None:
         """Write surroundings to draw from an instant on; an entity replaces an earlier one with its frame and id."""

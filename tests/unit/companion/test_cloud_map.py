@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from agent.companion.mapping import LIDAR, SONAR, CloudMap
+from agent.companion import mapping
+from agent.companion.mapping import SONAR, CloudMap
 
 
 def test_a_cell_keeps_the_first_point_of_each_source() -> None:
@@ -17,7 +19,6 @@ def test_a_cell_keeps_the_first_point_of_each_source() -> None:
     assert len(cloud_map.add(np.eye(4), points, intensity).points_odom_m) == 0
     assert len(cloud_map.add(np.eye(4), points, intensity, SONAR).points_odom_m) == 2
     assert len(cloud_map) == 4
-    assert len(cloud_map.points_by(LIDAR).points_odom_m) == len(cloud_map.points_by(SONAR).intensity) == 2
 
 
 def test_points_go_where_the_pose_says() -> None:
@@ -44,3 +45,15 @@ def test_a_cell_that_two_clouds_saw_has_the_middle_of_their_points() -> None:
     added = cloud_map.add(np.eye(4), np.array([[2.6, 3.0, 0.5]], np.float32), none)
     np.testing.assert_allclose(added.points_odom_m, [[2.4, 3.2, 0.25]], atol=1e-6)
     assert len(cloud_map.add(np.eye(4), np.array([[2.5, 3.5, 0.5]], np.float32), none).points_odom_m) == 0
+
+
+def test_cells_that_one_cloud_saw_are_forgotten_when_they_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mapping, "MOST_ONCE", 2)
+    cloud_map = CloudMap(cell_m=1.0)
+    none = np.zeros(1, np.uint8)
+
+    def added(north_m: float) -> int:
+        return len(cloud_map.add(np.eye(4), np.array([[north_m, 0.5, 0.5]], np.float32), none).points_odom_m)
+
+    assert [added(north_m) for north_m in (0.5, 1.5, 2.5)] == [0, 0, 0]
+    assert [added(2.5), added(0.5)] == [1, 0]

@@ -446,7 +446,8 @@ class _VesselDrawing:
         places = np.array([*self._places, *[point] * (TRACK_PIECE + 1 - count)], dtype=np.float32)
         segments = np.stack([places[:-1], places[1:]], axis=1)
         if count == 2:
-            number = int(self._track[-1].name.rpartition("/")[2]) + 1 if self._track else 0
+            # The names repeat: viser keeps a message for each name that was ever removed.
+            number = (int(self._track[-1].name.rpartition("/")[2]) + 1) % (TRACK_PIECES + 1) if self._track else 0
             self._track.append(
                 self._api.add_line_segments(
                     f"{path}/{number}", segments, colors=TRACK, thickness=3.0, thickness_units="screen"

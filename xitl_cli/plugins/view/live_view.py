@@ -52,8 +52,6 @@ OBSTACLE_S = 3.0
 """Time for which an obstacle is drawn after its last report."""
 SONAR_PINGS = 400
 _FLU = np.array([1.0, -1.0, -1.0])
-_SEVERITIES = {1: 7, 2: 6, 3: 4, 4: 3, 5: 2}
-"""MAV_SEVERITY by the level of a foxglove.Log."""
 
 
 @dataclass(slots=True)
@@ -93,7 +91,7 @@ class VesselWatch(RunNode):
         self._drawn: dict[int, tuple[_Seen, Points]] = {}
         self._obstacles: dict[int, tuple[int, Any, Any]] = {}
         self._clocks: dict[str, tuple[float, float, float]] = {}
-        self._events: deque[tuple[int, Any]] = deque(maxlen=MOST_EVENTS)
+        self._events: deque[ViewEvent] = deque(maxlen=MOST_EVENTS)
         self._passing: dict[str, bytes] = {}
         self._images: dict[str, tuple[int, Any]] = {}
         """The image of each camera since the latest instant."""
@@ -106,7 +104,7 @@ class VesselWatch(RunNode):
         recorder.watch("/companion/obstacles", self._on_obstacle)
         recorder.watch("/clocks", self._on_clock)
         recorder.watch("/scene", self._on_scene)
-        recorder.watch("/log", lambda stamp_ns, entry: self._events.append((stamp_ns, entry)))
+        recorder.on_log(self._on_log)
         for camera in self._cameras:
             recorder.watch(camera_topic(camera, "image"), partial(self._on_image, camera))
 
@@ -234,13 +232,12 @@ class VesselWatch(RunNode):
 
     def events(self) -> list[ViewEvent]:
         """Return the messages since the last call."""
-        events = []
-        while self._events:
-            stamp_ns, entry = self._events.popleft()
-            read = foxglove_type("Log").FromString(entry.encode())
-            text = f"{read.name}: {read.message}" if read.name else read.message
-            events.append(ViewEvent(stamp_ns * 1e-9, _SEVERITIES.get(read.level, 6), text))
+        events = list(self._events)
+        self._events.clear()
         return events
+
+    def _on_log(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
+        self._events.append(ViewEvent(stamp_ns * 1e-9, severity, f"{source}: {text}"))
 
 
 def cloud_points(message: Any) -> Points:

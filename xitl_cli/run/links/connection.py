@@ -417,12 +417,13 @@ class AgentConnection:
         """Handle the messages that have arrived; wait for them at most `timeout_s`."""
         self.peer.pump()
         messages = self.link.receive(timeout_s)
-        if self._reached:  # drop messages of the host-agent protocol from other senders: any node may send on a bus
+        if self._reached:  # drop messages of other senders: any node may send on a bus, and a cable may be swapped
             own, arrived = self.target, len(messages)
+            passed_on = OWN_IDS if self._terms.role == BRIDGE else 0  # lower ids may come from the autopilot behind it
             messages = [
                 message
                 for message in messages
-                if message.get_msgId() < OWN_IDS or (message.get_srcSystem(), message.get_srcComponent()) == own
+                if message.get_msgId() < passed_on or (message.get_srcSystem(), message.get_srcComponent()) == own
             ]
             self._strangers += arrived - len(messages)
         self.inbox.handle(messages)

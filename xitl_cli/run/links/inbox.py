@@ -11,7 +11,7 @@ from agent.wire.actuators import commands_of
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import MotionEstimate, MotorCommand
+from xitl_cli.record.topics import ClockExchange, MotionEstimate, MotorCommand
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.links.agent_view import AgentView
@@ -108,6 +108,7 @@ class AgentInbox:
         self._speaker = _SPEAKERS.get(name, f"{name} autopilot")
         self._lockstep = lockstep
         self._command_stamp_ns: int | None = None
+        self._clock: ClockExchange | None = None
         self._recorder: Recorder | None = None
         self._pace: Pace | None = None
         self._now_ns: Callable[[], int] = lambda: 0
@@ -207,8 +208,14 @@ class AgentInbox:
 
     def _on_timesync(self, message: Any) -> None:
         clock = self.timing.answered(message)
-        if clock is not None and self._recorder is not None:
+        if clock is None:
+            return
+        if self._recorder is not None:
             self._recorder.write(self._now_ns(), clock)
+        before, self._clock = self._clock, clock
+        if before is not None and clock.steps > before.steps:
+            step_s = clock.offset_s - before.offset_s
+            self.say(dialect.MAV_SEVERITY_WARNING, "run", f"the clock of {clock.node} stepped by {step_s:+.3f} s")
 
     def _on_task_stats(self, message: Any) -> None:
         task = self.view.task(message)

@@ -27,6 +27,7 @@ from xitl_cli.run.world.plant import PlantView
 LIVE_INTERVAL_S = 0.2
 PLAIN_INTERVAL_S = 5.0
 BESIDE_WIDTH = 64  # columns that two facts in one row need
+SOURCE = "run"
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,7 +341,7 @@ class StatusSource:
 
 
 class DisplayNode(RunNode):
-    """Shows the status of the vessels from their sources at intervals, and warnings at the start.
+    """Shows the status of the vessels from their sources at intervals, and the run's warnings when they occur.
 
     showing: the node's part of an exchange, the last of all.
     """
@@ -364,7 +365,8 @@ class DisplayNode(RunNode):
         display = self._display = self._make_display()
         for text in self._warnings:
             self._on_display(partial(display.warn, text))
-            context.recorder.log(0, WARNING, "run", text)
+            context.recorder.log(0, WARNING, SOURCE, text)
+        context.recorder.on_log(self._on_log)
 
     def close(self) -> None:
         if self._display is not None:
@@ -376,6 +378,11 @@ class DisplayNode(RunNode):
             first, *others = (source() for source in self._sources)
             late = self._pace.task(self._clock.physics_rate_hz).missed
             self._on_display(partial(display.show, replace(first, missed=first.missed + late), *others))
+
+    def _on_log(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
+        """Show a warning of the run. An error of the run is the last line of the command."""
+        if severity == WARNING and source == SOURCE and self._display is not None:
+            self._on_display(partial(self._display.warn, text))
 
     def _on_display(self, act: Callable[[], object]) -> None:
         """Call `act`. A closed terminal or pipe ends the display, not the run."""

@@ -8,7 +8,10 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+from struct import Struct
+from tempfile import TemporaryFile, gettempdir
 from typing import Any
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +23,7 @@ from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from sim_core.world.rays import Bodies
 from sim_core.world.structures import LogBoom
+from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.mapping.accuracy import perception_sections
 from xitl_cli.mapping.clouds import SeenPoints
@@ -48,25 +52,34 @@ _SOURCES: dict[int, MapSource] = {
 }
 _ZEROS = (0,) * len(dialect.MAVLink_xitl_companion_status_message.fieldnames)
 _UNCOUNTED = ("time_usec", "latency", "manoeuvre")
+_POSE = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", 7)])
+_PACK_POSE = Struct("<q7d").pack
 
 
 class _Poses:
-    """Poses of a run in packed form, because a long run has half a million."""
+    """Poses of a run in a temporary file, because a long run has half a million. Raises UserError on a full disk."""
 
     def __init__(self) -> None:
-        self._stamps_ns = array("q")
-        self._numbers = array("d")
+        self._file = TemporaryFile(buffering=0)  # noqa: SIM115  # read after the run, when nodes are closed
+        self._count = 0
+        finalize(self, self._file.close)
 
     def __len__(self) -> int:
-        return len(self._stamps_ns)
+        return self._count
 
     def add(self, stamp_ns: int, pos_m: Array, quat_wxyz: Array) -> None:
-        self._stamps_ns.append(stamp_ns)
-        self._numbers.extend((*pos_m.tolist(), *quat_wxyz.tolist()))
+        try:
+            self._file.write(_PACK_POSE(stamp_ns, *pos_m.tolist(), *quat_wxyz.tolist()))
+        except OSError as error:
+            raise UserError(
+                f"{gettempdir()}: the companion's poses cannot be kept ({error.strerror}); free space and run again"
+            ) from error
+        self._count += 1
 
     def trajectory(self) -> Trajectory:
-        numbers = np.array(self._numbers).reshape(-1, 7)
-        return Trajectory(np.array(self._stamps_ns, dtype=np.int64), numbers[:, :3], numbers[:, 3:])
+        self._file.seek(0)
+        poses = np.frombuffer(self._file.read(), dtype=_POSE, count=self._count)
+        return Trajectory(poses["stamp_ns"], poses["numbers"][:, :3], poses["numbers"][:, 3:])
 
 
 class FindingsNode(RunNode):
@@ -83,7 +96,8 @@ class FindingsNode(RunNode):
         self.score = score
         self.clouds = CloudReassembler()
         self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
-        self._seen: dict[MapSource, list[tuple[int, int]]] = {source: [] for source in _SOURCES.values()}
+        self._lidar_seen = array("q")
+        """Stamp and number of the points of each part of the lidar's map."""
         self._frame = frame
         self._boom = boom
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
@@ -152,7 +166,7 @@ class FindingsNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         points, _ = self.map_points("lidar")
-        stamps, counts = np.array(self._seen["lidar"], dtype=np.int64).reshape(-1, 2).T
+        stamps, counts = np.array(self._lidar_seen, dtype=np.int64).reshape(-1, 2).T
         seen = SeenPoints(points.astype(np.float32), np.repeat(stamps, counts))
         accuracy = perception_sections(self.truth(), self.odometry(), seen, self._boom)
         return {
@@ -221,7 +235,8 @@ class FindingsNode(RunNode):
                 points, intensity = self.maps[source]
                 points += cloud.points_m.tobytes()
                 intensity += cloud.intensity.tobytes()
-                self._seen[source].append((cloud.stamp_ns, len(cloud.points_m)))
+                if source == "lidar":
+                    self._lidar_seen.extend((cloud.stamp_ns, len(cloud.points_m)))
                 self._recorder.perception.map_points(self._step_ns(), cloud.points_m, cloud.intensity, source)
 
     def _on_obstacle(self, message: Any) -> None:

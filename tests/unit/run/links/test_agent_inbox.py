@@ -11,6 +11,7 @@ from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from sim_core.geodesy import LocalFrame
 from xitl_cli.run.links.inbox import AgentInbox
+from xitl_cli.run.links.link_timing import LinkTiming
 
 NOW_NS = 9_000_000_000
 AHEAD_US = 5_000_000  # of the autopilot's clock
@@ -57,3 +58,22 @@ def test_a_frame_is_stamped_by_the_clock_of_who_wrote_it() -> None:
     own = dialect.MAVLink_xitl_actuators_message(7_500_000, 1, 1, 1, [0.7] * 8, 2, 1)
     one.tap("rx", packer.pack(own))
     assert kept.left_ns[1] is None  # no exchange of time stamps with the agent has been
+
+
+def test_a_step_of_the_agents_clock_is_logged_once() -> None:
+    logged: list[tuple[int, str]] = []
+    host_ns = 0
+    recorder = SimpleNamespace(
+        write=lambda stamp_ns, record: None,
+        log=lambda stamp_ns, severity, source, text: logged.append((severity, text)),
+    )
+    one = inbox(False, [], recorder)
+    one.timing = LinkTiming("LC", lambda: host_ns)
+    for number in range(400):
+        host_ns = number * 100_000_000
+        request = one.timing.request(0)
+        ahead_ns = 3_000_000_000 + (500_000_000 if number >= 200 else 0)
+        request.t2_ns = request.t3_ns = host_ns + 1_000_000 + ahead_ns
+        host_ns += 2_000_000
+        one.handle([request])
+    assert logged == [(4, "the clock of LC stepped by +0.500 s")]

@@ -78,11 +78,17 @@ def test_what_another_sender_claims_to_be_the_agents_is_refused_and_counted(
         "command": [1.0] * 8,
         "more": [0.0] * 8,
     }
-    other.send(dialect.MAVLink_xitl_actuators_message(**fields), dialect.MAVLink_xitl_timesync_message(1, 2, 3, 4))
+    other.send(
+        dialect.MAVLink_xitl_actuators_message(**fields),
+        dialect.MAVLink_xitl_timesync_message(1, 2, 3, 4),
+        dialect.MAVLink_statustext_message(2, b"Failsafe"),
+    )
     assert reached.connection.receive() == []
     assert not reached.connection.inbox.fresh
+    assert not reached.connection.inbox.view.texts
     _, back = reached.connection.links()
-    assert back.refused == 2
+    assert back.refused == 3
+    assert back.received == 0
     assert "refused" in reached.connection.warnings()[0]
 
 

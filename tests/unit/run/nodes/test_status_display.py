@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from rich.console import Console
 
-from xitl_cli.run.nodes.display import LiveDisplay, PlainDisplay, RunStatus
+from xitl_cli.profile.schema.profile import ClockSpec
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.run.nodes.display import DisplayNode, LiveDisplay, PlainDisplay, RunStatus
 
 
 def status(**values: object) -> RunStatus:
@@ -44,3 +49,17 @@ def test_a_warning_stays_to_be_read_in_one_line() -> None:
         assert "warning: the mesh [huge] is 4000 m across; if it is in millimetres, give it scale: 0.001\n" in (
             stream.getvalue()
         )
+
+
+def test_a_warning_of_the_run_is_shown_when_it_occurs(tmp_path: Path) -> None:
+    stream = io.StringIO()
+    node = DisplayNode(lambda: PlainDisplay(Console(file=stream, width=80)), ["the hull is long"], ClockSpec(), [])
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
+    context: Any = SimpleNamespace(recorder=recorder, pace=None)
+    node.begin(context)
+    recorder.log(1, 4, "run", "no motor commands from the agent for 0.5 s")
+    recorder.log(2, 5, "run", "the agent commands again after 0.70 s")
+    recorder.log(3, 4, "autopilot", "PreArm: no position")
+    recorder.log(4, 3, "run", "the agent was killed")
+    recorder.close()
+    assert stream.getvalue() == ("warning: the hull is long\nwarning: no motor commands from the agent for 0.5 s\n")

@@ -1,0 +1,38 @@
+"""Short forms of `make soak-long` and `make chaos`: the same programs and checks, over a minute or two."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import environment
+
+from tests.bench.soak_long import soak
+
+pytestmark = pytest.mark.realtime
+ROOT = Path(__file__).parents[2]
+for package in ("embreex", "kiss_icp", "msgspec", "viser", "websockets"):
+    pytest.importorskip(package)
+
+
+def test_a_short_soak_counts_everything_and_reads_its_split_recording(tmp_path: Path) -> None:
+    result = soak(tmp_path / "soak", duration_s=75.0, seed=1, split_s=20.0, sample_s=2.0)
+    assert result["problems"] == []
+    assert set(result["processes"]) == {"host", "agent", "companion", "view"}
+    assert result["recording"]["files"] == 4
+    assert result["view"]["browsers"] >= 1
+    assert result["clients"]["station 255"]["parameters answered"] >= 1
+    assert all(link["sent"] > 500 for link in result["links"])
+
+
+def test_ten_random_events_break_nothing(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tests.chaos", "--seed", "3", "--events", "10", "--out", str(tmp_path / "chaos")]
+    done = subprocess.run(command, cwd=ROOT, env=environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "chaos" / "chaos.json").read_text())
+    assert len(result["outcomes"]) == result["events"] == 10
+    assert any(outcome["neutral_s"] for outcome in result["outcomes"])
+    assert any(outcome["unreadable_s"] is not None for outcome in result["outcomes"])
