@@ -417,9 +417,7 @@ def action_from_message(topic: str, data: bytes) -> Mapping[str, Any] | None:
     try:
         return _action(topic, json.loads(data))
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-        raise ActionError(
-            f"{topic}: invalid message ({error!r}); publish JSON of the topic's usual schema"
-        ) from error
+        raise ActionError(f"{topic}: invalid message ({error!r}); publish JSON of the topic's usual schema") from error
 
 
 def _action(topic: str, message: Any) -> Mapping[str, Any] | None:
