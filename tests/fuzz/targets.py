@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
 from mcap.writer import Writer
 
 from agent.board.install import DeploySettingsError, settings_from_json

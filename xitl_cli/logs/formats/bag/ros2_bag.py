@@ -74,9 +74,8 @@ class SqliteBag(BagLog):
             )
         definitions: dict[str, str] = {}
         if "message_definitions" in present:
-            rows = self._database.execute(
-                f"SELECT {_text('topic_type')}, encoding, {_text('encoded_message_definition')} FROM message_definitions"
-            )
+            columns = f"{_text('topic_type')}, encoding, {_text('encoded_message_definition')}"
+            rows = self._database.execute(f"SELECT {columns} FROM message_definitions")
             definitions = {kind: text for kind, encoding, text in rows if encoding == "ros2msg"}
         counts, span = self._counts()
         columns = ", ".join(map(_text, ("name", "type", "serialization_format")))
