@@ -101,7 +101,7 @@ def test_refused_with_file_and_line(text: str, golden: Golden) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("opener", ["[", "{a: ", "- [", "[\n"])
+@pytest.mark.parametrize("opener", ["[", "{a: ", "- ", "[\n"])
 def test_a_text_that_would_exhaust_the_stack_is_refused(opener: str) -> None:
     with pytest.raises(ProfileError, match=r"boat\.yaml:\d+: is nested too deeply; flatten it"):
         parse_yaml("a:\n " + 100_000 * opener, "boat.yaml")
