@@ -51,8 +51,8 @@ _SAME_IN_BOTH = re.compile(r"(?:[^\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\ufeff?
 """Texts that both loaders read alike. They differ in tabs, other spaces and line ends, `?`, tags, directives, and
 comments directly after `|`."""
 
-_SURELY_COMPOSED = 1000
-"""Depth that libyaml composes on the stack of any thread."""
+_SURELY_COMPOSED = 400
+"""Depth that libyaml composes on the stack of any thread. Only long profiles can have more."""
 
 
 class _RefusedError(Exception):
