@@ -6,8 +6,8 @@
     make mutate COUNT=60 SEED=1    so many changes at random places of all packages; the seed repeats them
 
 Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Each file is tested with
-the fast unit tests that import it, then with those of its package. Changes at random places are tested only with the
-tests that import the file, if there are any. Exit status 1 means that a mutant survived.
+the fast unit tests that import it, then with those of its package. Random places are only in files
+that a unit test imports, and only these tests run. Exit status 1 means that a mutant survived.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -80,12 +81,13 @@ def main() -> int:
 
 
 def random_files(count: int, draw: random.Random) -> list[str]:
-    """Draw product files, without repetition, each with a probability by its number of lines."""
+    """Draw product files that a unit test imports, without repetition, each with a probability by its lines."""
     named = git(ROOT, "ls-files", "--", *(f"{package}/*.py" for package in PRODUCT)).split()
     lines = {name: (ROOT / name).read_bytes().count(b"\n") for name in named if name != GENERATED}
     # Efraimidis and Spirakis 2006: the largest of these keys are such a sample.
     keys = {name: draw.random() ** (1.0 / size) for name, size in lines.items() if size}
-    return sorted(keys, key=keys.__getitem__, reverse=True)[:count]
+    drawn = (name for name in sorted(keys, key=keys.__getitem__, reverse=True) if importing_tests(name))
+    return list(islice(drawn, count))
 
 
 def changed_files(base: str) -> list[str]:
@@ -106,7 +108,7 @@ def mutate(file: str, base: str | None, draw: random.Random | None) -> Survival:
     """Test mutants of a file and print those that survived. base: only of lines that differ from this commit. draw:
     only of PLACES_A_FILE random places.
     """
-    tests = tests_of(file, whole_package=draw is None)
+    tests = importing_tests(file) if draw is not None else tests_of(file)
     if not tests:
         print(f"{file}: has no unit test")
         return Survival(1, 1)
@@ -179,21 +181,21 @@ def _annotations(file: Path) -> Iterator[tuple[tuple[int, int], tuple[int, int]]
                 yield (part.lineno, part.col_offset), (part.end_lineno, part.end_col_offset)
 
 
-def tests_of(file: str, whole_package: bool) -> list[str]:
-    """Fast unit tests of a module: the files that name it first, then the folder of its package.
+def tests_of(file: str) -> list[str]:
+    """Fast unit tests of a module: the files that name it first, then the folder of its package."""
+    unit = ROOT / "tests" / "unit"
+    within = Path(file.removeprefix("xitl_cli/")).parents
+    folder = next((unit / parent for parent in within if parent != Path() and (unit / parent).is_dir()), None)
+    return [*importing_tests(file), *([str(folder.relative_to(ROOT))] if folder else [])]
 
-    whole_package: the folder, even if there are files that name the module.
-    """
+
+def importing_tests(file: str) -> list[str]:
+    """Files of unit tests that name a module."""
     module = file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
     package, _, name = module.rpartition(".")
     named = re.compile(rf"\b{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
-    unit = ROOT / "tests" / "unit"
-    found = [test for test in sorted(unit.rglob("test_*.py")) if named.search(test.read_text(encoding="utf-8"))]
-    if found and not whole_package:
-        return [str(path.relative_to(ROOT)) for path in found]
-    within = Path(file.removeprefix("xitl_cli/")).parents
-    folder = next((unit / parent for parent in within if parent != Path() and (unit / parent).is_dir()), None)
-    return [str(path.relative_to(ROOT)) for path in [*found, *([folder] if folder else [])]]
+    tests = sorted((ROOT / "tests" / "unit").rglob("test_*.py"))
+    return [str(test.relative_to(ROOT)) for test in tests if named.search(test.read_text(encoding="utf-8"))]
 
 
 def cosmic_ray(program: str, *arguments: str) -> str:
