@@ -33,6 +33,7 @@ CLONE = ROOT / "build" / "mutants"
 PRODUCT = ("agent", "sim_core", "xitl_cli")
 GENERATED = "agent/wire/dialect.py"
 SLOWEST_TEST_S = 300.0  # a mutant may loop without end
+_SLOW = re.compile(r"^pytestmark = .*\b(slow|realtime)\b", re.MULTILINE)
 PLACES_A_FILE = 3
 """Random places in a file. Its tests also run once without a change."""
 CONFIGURATION = """\
@@ -190,12 +191,14 @@ def tests_of(file: str) -> list[str]:
 
 
 def importing_tests(file: str) -> list[str]:
-    """Files of unit tests that name a module."""
+    """Files of fast unit tests that name a module."""
     module = file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
     package, _, name = module.rpartition(".")
     named = re.compile(rf"\b{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
-    tests = sorted((ROOT / "tests" / "unit").rglob("test_*.py"))
-    return [str(test.relative_to(ROOT)) for test in tests if named.search(test.read_text(encoding="utf-8"))]
+    texts = {test: test.read_text(encoding="utf-8") for test in sorted((ROOT / "tests" / "unit").rglob("test_*.py"))}
+    return [
+        str(test.relative_to(ROOT)) for test, text in texts.items() if named.search(text) and not _SLOW.search(text)
+    ]
 
 
 def cosmic_ray(program: str, *arguments: str) -> str:
