@@ -17,10 +17,12 @@ import ast
 import os
 import random
 import re
+import shlex
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -36,19 +38,17 @@ SLOWEST_TEST_S = 300.0  # a mutant may loop without end
 _SLOW = re.compile(r"^pytestmark = .*\b(slow|realtime)\b", re.MULTILINE)
 PLACES_A_FILE = 3
 """Random places in a file. Its tests also run once without a change."""
-CONFIGURATION = """\
+GIT_FILTER = """\
 [cosmic-ray]
-module-path = "{file}"
-timeout = {timeout_s}
-excluded-modules = []
-test-command = "{python} -m pytest -q -x -p no:cacheprovider -m 'not slow and not realtime' {tests}"
-
-[cosmic-ray.distributor]
-name = "local"
-
 [cosmic-ray.filters.git-filter]
 branch = "{base}"
 """
+NO_TESTS = 5
+"""Exit status of pytest without a test."""
+
+
+Position = tuple[int, int]
+"""Line and column."""
 
 
 class Survival(NamedTuple):
@@ -74,6 +74,8 @@ def main() -> int:
         print(f"no product file differs from {options.base}")
         return 0
     clone_head()
+    os.chdir(CLONE)
+    os.environ.update(PYTHONPATH=str(CLONE), PYTHONDONTWRITEBYTECODE="1")  # the clone's modules, not the installed ones
     base = None if options.files or options.count else options.base
     results = [mutate(file, base, draw if options.count else None) for file in files]
     tested, survived = (sum(numbers) for numbers in zip(*results, strict=True))
@@ -109,69 +111,70 @@ def mutate(file: str, base: str | None, draw: random.Random | None) -> Survival:
     """Test mutants of a file and print those that survived. base: only of lines that differ from this commit. draw:
     only of PLACES_A_FILE random places.
     """
+    from cosmic_ray.mutating import mutate_and_test
+
     tests = importing_tests(file) if draw is not None else tests_of(file)
     if not tests:
         print(f"{file}: has no unit test")
         return Survival(1, 1)
-    configuration, session = CLONE / "mutate.toml", CLONE / "mutate.sqlite"
-    session.unlink(missing_ok=True)
-    revision = git(ROOT, "rev-parse", base).strip() if base else ""
-    configuration.write_text(
-        CONFIGURATION.format(
-            file=file, timeout_s=SLOWEST_TEST_S, python=sys.executable, tests=" ".join(tests), base=revision
-        )
-    )
-    cosmic_ray("cosmic-ray", "init", str(configuration), str(session))
-    if base:
-        cosmic_ray("cr-filter-git", "--config", str(configuration), str(session))
-    tested = skip_mutants(session, draw)
-    if not tested:
+    items = mutants_of(file, base)
+    if draw is not None:
+        items = random_mutants(items, draw)
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not realtime"]
+    command += tests
+    unchanged = subprocess.run(command, capture_output=True, text=True, check=False)
+    if not items or unchanged.returncode == NO_TESTS:
+        print(f"{file}: has no mutant or no fast test")
         return Survival(0, 0)
-    cosmic_ray("cosmic-ray", "baseline", str(configuration))
-    cosmic_ray("cosmic-ray", "exec", str(configuration), str(session))
-    report = cosmic_ray("cr-report", "--surviving-only", "--show-diff", str(session))
-    survived = len(re.findall(r"TestOutcome\.SURVIVED|test outcome: survived", report, re.IGNORECASE))
-    print(f"{file}: tested with {', '.join(tests)}: {survived} of {tested} survived", flush=True)
-    if survived:
-        print(report, flush=True)
-    return Survival(tested, survived)
+    if unchanged.returncode:
+        sys.exit(f"{file}: its tests fail without a mutant:\n{unchanged.stdout}{unchanged.stderr}")
+    survived = 0
+    for item in items:
+        result = mutate_and_test(item.mutations, shlex.join(command), SLOWEST_TEST_S)
+        if not result.is_killed:
+            survived += 1
+            print(result.diff, flush=True)
+    print(f"{file}: {survived} of {len(items)} survived {', '.join(tests)}", flush=True)
+    return Survival(len(items), survived)
 
 
-def skip_mutants(session: Path, draw: random.Random | None) -> int:
-    """Skip the mutants of `X | Y` in annotations, which nothing evaluates. Return the number of the others.
+def mutants_of(file: str, base: str | None) -> list[WorkItem]:
+    """Return the mutants of a file, or of its lines that differ from `base`.
 
-    draw: keep one mutant at each of PLACES_A_FILE random places.
+    Those of `X | Y` in annotations are left out, because nothing evaluates them.
     """
-    from cosmic_ray.work_db import WorkDB, use_db
-    from cosmic_ray.work_item import WorkerOutcome, WorkResult
+    from cosmic_ray.commands import init
+    from cosmic_ray.work_db import use_db
 
-    with use_db(session, WorkDB.Mode.open) as database:
-        pending = list(database.pending_work_items)
-        kept = [item for item in pending if not _is_in_union(item.mutations[0])]
-        if draw is not None:
-            kept = random_mutants(kept, draw)
-        names = {item.job_id for item in kept}
-        skipped = [item.job_id for item in pending if item.job_id not in names]
-        database.set_multiple_results(skipped, WorkResult(worker_outcome=WorkerOutcome.SKIPPED))
-    return len(kept)
+    session = CLONE / "mutate.sqlite"
+    session.unlink(missing_ok=True)
+    with use_db(session) as database:
+        init([Path(file)], database, {})
+        if base:
+            configuration = CLONE / "mutate.toml"
+            configuration.write_text(GIT_FILTER.format(base=git(ROOT, "rev-parse", base).strip()))
+            program = Path(sys.executable).parent / "cr-filter-git"
+            subprocess.run([program, "--config", configuration, session], check=True)
+        unions = list(_annotations(Path(file)))
+        return [item for item in database.pending_work_items if not _is_in(unions, item.mutations[0])]
 
 
 def random_mutants(items: list[WorkItem], draw: random.Random) -> list[WorkItem]:
     """Draw one mutant at each of PLACES_A_FILE places."""
-    places: dict[tuple[tuple[int, int], tuple[int, int]], list[WorkItem]] = {}
+    places: dict[tuple[Position, Position], list[WorkItem]] = {}
     for item in sorted(items, key=lambda item: (item.mutations[0].operator_name, item.mutations[0].occurrence)):
         places.setdefault((item.mutations[0].start_pos, item.mutations[0].end_pos), []).append(item)
     chosen = draw.sample(sorted(places), min(PLACES_A_FILE, len(places)))
     return [draw.choice(places[place]) for place in chosen]
 
 
-def _is_in_union(mutation: MutationSpec) -> bool:
+def _is_in(unions: list[tuple[Position, Position]], mutation: MutationSpec) -> bool:
     return "BinaryOperator_BitOr" in mutation.operator_name and any(
-        begin <= tuple(mutation.start_pos) < end for begin, end in _annotations(CLONE / mutation.module_path)
+        begin <= tuple(mutation.start_pos) < end for begin, end in unions
     )
 
 
-def _annotations(file: Path) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+def _annotations(file: Path) -> Iterator[tuple[Position, Position]]:
     """Yield begin and end of each annotation: line, column."""
     for node in ast.walk(ast.parse(file.read_bytes())):
         for name in ("annotation", "returns"):
@@ -191,24 +194,18 @@ def tests_of(file: str) -> list[str]:
 
 
 def importing_tests(file: str) -> list[str]:
-    """Files of fast unit tests that name a module."""
+    """Return the files of fast unit tests that name a module."""
     module = file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
     package, _, name = module.rpartition(".")
     named = re.compile(rf"\b{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
-    texts = {test: test.read_text(encoding="utf-8") for test in sorted((ROOT / "tests" / "unit").rglob("test_*.py"))}
-    return [
-        str(test.relative_to(ROOT)) for test, text in texts.items() if named.search(text) and not _SLOW.search(text)
-    ]
+    return [test for test, text in _test_files().items() if named.search(text) and not _SLOW.search(text)]
 
 
-def cosmic_ray(program: str, *arguments: str) -> str:
-    """What a program of Cosmic Ray prints. The clone's modules come before the installed ones."""
-    environment = {**os.environ, "PYTHONPATH": str(CLONE), "PYTHONDONTWRITEBYTECODE": "1"}
-    path = Path(sys.executable).parent / program
-    done = subprocess.run([path, *arguments], cwd=CLONE, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode:
-        sys.exit(f"{program} {' '.join(arguments)} failed:\n{done.stdout}{done.stderr}")
-    return done.stdout
+@cache
+def _test_files() -> dict[str, str]:
+    """Return the texts of all unit tests by their paths."""
+    tests = sorted((ROOT / "tests" / "unit").rglob("test_*.py"))
+    return {str(test.relative_to(ROOT)): test.read_text(encoding="utf-8") for test in tests}
 
 
 def git(where: Path, *arguments: str) -> str:
