@@ -156,7 +156,7 @@ def _read(path: Path, stamp_ns: int) -> PanelTables:
         raise PanelTablesError(f"lacks numbers ({error}); {again}") from error
     if wrong:
         raise PanelTablesError(f"has {wrong[0]} of a wrong size, {tables[wrong[0]].shape}; {again}")
-    numbers = (mass_kg, depth_m, length_m, width_m, friction)
+    numbers = np.array([mass_kg, depth_m, length_m, width_m, friction])
     finite = all(np.isfinite(values).all() for values in (omega, direction, numbers, *tables.values()))
     if not finite or omega.size < 2 or (np.diff(omega) <= 0.0).any() or omega[0] <= 0.0:
         raise PanelTablesError(f"has frequencies that do not rise from above 0, or values that are not finite; {again}")
