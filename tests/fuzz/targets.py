@@ -32,7 +32,7 @@ from xitl_cli.firmware.verify import DamagedError, verify
 from xitl_cli.logs import LogError, open_log
 from xitl_cli.logs.expressions.syntax import ExpressionError
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.query import Condition
+from xitl_cli.logs.model.query import RowCondition
 from xitl_cli.logs.model.system_files import parse_tasks
 from xitl_cli.mapping.clouds import clouds
 from xitl_cli.params.values import read_file
@@ -270,7 +270,7 @@ def _deploy_settings(data: bytes) -> None:
 def _expression(data: bytes) -> None:
     text = data.decode("utf-8", errors="replace")
     with suppress(LogError):
-        Condition(text)
+        RowCondition(text)
     with suppress(ExpressionError):
         expression = parse_expression(text)
         expression.holds(dict(zip(expression.names, (1.5, "completed", None, True), strict=False)))
