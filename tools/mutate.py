@@ -6,8 +6,8 @@
     make mutate COUNT=60 SEED=1    so many changes at random places of all packages; the seed repeats them
 
 Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Each file is tested with
-the fast unit tests that import it, then with those of its package. Random places are only in files
-that a unit test imports, and only these tests run. Exit status 1 means that a mutant survived.
+the fast unit tests that import it, then with those of its package. Random places are only in files that a unit test
+imports, and only these tests run. Exit status 1 means that a mutant survived.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ CLONE = ROOT / "build" / "mutants"
 PRODUCT = ("agent", "sim_core", "xitl_cli")
 GENERATED = "agent/wire/dialect.py"
 SLOWEST_TEST_S = 300.0  # a mutant may loop without end
-_SLOW = re.compile(r"^pytestmark = .*\b(slow|realtime)\b", re.MULTILINE)
 PLACES_A_FILE = 3
 """Random places in a file. Its tests also run once without a change."""
+_SLOW = re.compile(r"^pytestmark = .*\b(slow|realtime)\b", re.MULTILINE)
 GIT_FILTER = """\
 [cosmic-ray]
 [cosmic-ray.filters.git-filter]
@@ -45,8 +45,6 @@ branch = "{base}"
 """
 NO_TESTS = 5
 """Exit status of pytest without a test."""
-
-
 Position = tuple[int, int]
 """Line and column."""
 
