@@ -37,6 +37,8 @@ GENERATED = "agent/wire/dialect.py"
 SLOWEST_TEST_S = 300.0  # a mutant may loop without end
 PLACES_A_FILE = 3
 """Random places in a file. Its tests also run once without a change."""
+LONGEST_TESTS_S = 8.0
+"""Processor time of the tests of a file with random mutants."""
 _SLOW = re.compile(r"^pytestmark = .*\b(slow|realtime)\b", re.MULTILINE)
 GIT_FILTER = """\
 [cosmic-ray]
@@ -63,32 +65,39 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="seed of the random places")
     parser.add_argument("files", nargs="*", help="mutate all lines of these files")
     options = parser.parse_args()
-    draw = random.Random(options.seed)
-    if options.count:
-        files = random_files(-(-options.count // PLACES_A_FILE), draw)
-    else:
-        files = options.files or changed_files(options.base)
-    if not files:
+    files = options.files or changed_files(options.base)
+    if not files and not options.count:
         print(f"no product file differs from {options.base}")
         return 0
     clone_head()
     os.chdir(CLONE)
     os.environ.update(PYTHONPATH=str(CLONE), PYTHONDONTWRITEBYTECODE="1")  # the clone's modules, not the installed ones
-    base = None if options.files or options.count else options.base
-    results = [mutate(file, base, draw if options.count else None) for file in files]
+    if options.count:
+        results = mutate_anywhere(options.count, random.Random(options.seed))
+    else:
+        results = [mutate(file, None if options.files else options.base) for file in files]
     tested, survived = (sum(numbers) for numbers in zip(*results, strict=True))
     print(f"{survived} of {tested} mutants survived, {1.0 - survived / max(tested, 1):.1%} were killed")
     return 1 if survived else 0
 
 
-def random_files(count: int, draw: random.Random) -> list[str]:
+def mutate_anywhere(count: int, draw: random.Random) -> list[Survival]:
+    """Test `count` mutants at random places of files with fast tests."""
+    results: list[Survival] = []
+    for file in random_files(draw):
+        results.append(mutate(file, None, draw))
+        if sum(result.tested for result in results) >= count:
+            break
+    return results
+
+
+def random_files(draw: random.Random) -> Iterator[str]:
     """Draw product files that a unit test imports, without repetition, each with a probability by its lines."""
     named = git(ROOT, "ls-files", "--", *(f"{package}/*.py" for package in PRODUCT)).split()
     lines = {name: (ROOT / name).read_bytes().count(b"\n") for name in named if name != GENERATED}
-    # Efraimidis and Spirakis 2006: the largest of these keys are such a sample.
+    # Efraimidis and Spirakis 2006: the order of these keys is that of such draws.
     keys = {name: draw.random() ** (1.0 / size) for name, size in lines.items() if size}
-    drawn = (name for name in sorted(keys, key=keys.__getitem__, reverse=True) if importing_tests(name))
-    return list(islice(drawn, count))
+    return (name for name in sorted(keys, key=keys.__getitem__, reverse=True) if importing_tests(name))
 
 
 def changed_files(base: str) -> list[str]:
@@ -105,9 +114,9 @@ def clone_head() -> None:
     git(CLONE, "checkout", "--quiet", "--detach", git(ROOT, "rev-parse", "HEAD").strip())
 
 
-def mutate(file: str, base: str | None, draw: random.Random | None) -> Survival:
+def mutate(file: str, base: str | None, draw: random.Random | None = None) -> Survival:
     """Test mutants of a file and print those that survived. base: only of lines that differ from this commit. draw:
-    only of PLACES_A_FILE random places.
+    only of PLACES_A_FILE random places, and none if the tests take longer than LONGEST_TESTS_S.
     """
     from cosmic_ray.mutating import mutate_and_test
 
@@ -120,9 +129,14 @@ def mutate(file: str, base: str | None, draw: random.Random | None) -> Survival:
         items = random_mutants(items, draw)
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not realtime"]
     command += tests
+    before_s = os.times().children_user
     unchanged = subprocess.run(command, capture_output=True, text=True, check=False)
+    took_s = os.times().children_user - before_s
     if not items or unchanged.returncode == NO_TESTS:
         print(f"{file}: has no mutant or no fast test")
+        return Survival(0, 0)
+    if draw is not None and took_s > LONGEST_TESTS_S:
+        print(f"{file}: left out, because its tests take {took_s:.0f} s of processor time", flush=True)
         return Survival(0, 0)
     if unchanged.returncode:
         sys.exit(f"{file}: its tests fail without a mutant:\n{unchanged.stdout}{unchanged.stderr}")
