@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -273,7 +274,7 @@ def _expression(data: bytes) -> None:
         RowCondition(text)
     with suppress(ExpressionError):
         expression = parse_expression(text)
-        expression.holds(dict(zip(expression.names, (1.5, "completed", None, True), strict=False)))
+        expression.holds(dict(zip(expression.names, cycle((1.5, "completed", None, True)), strict=False)))
 
 
 def _firmware(image: bool) -> Callable[[Path], object]:
