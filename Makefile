@@ -167,8 +167,8 @@ audit: $(VENV)/.audit  ## look up the pinned versions in the advisories of PyPI 
 wheel: $(VENV)/.dev  ## build the wheel and try it in an environment of its own
 	tools/check_wheel.sh
 
-mutate: $(VENV)/.mutate  ## change the lines of the last commit one operator at a time; lists what no test notices (BASE=commit, FILES=paths)
-	$(BIN)/python -m tools.mutate $(if $(BASE),--base $(BASE)) $(FILES)
+mutate: $(VENV)/.mutate  ## change the lines of the last commit one operator at a time; lists what no test notices (BASE=commit, FILES=paths, COUNT=random changes, SEED=number)
+	$(BIN)/python -m tools.mutate $(if $(BASE),--base $(BASE)) $(if $(COUNT),--count $(COUNT)) $(if $(SEED),--seed $(SEED)) $(FILES)
 
 fuzz: $(VENV)/.fuzz  ## search inputs that a parser raises for, led by coverage (ONLY=target, RUNS=inputs of each)
 	$(BIN)/python -m tests.fuzz $(ONLY) $(if $(RUNS),-runs=$(RUNS))

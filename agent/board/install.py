@@ -62,7 +62,7 @@ def settings_from_json(data: bytes) -> DeploySettings:
     """Read the settings. Raises DeploySettingsError."""
     try:
         document: Any = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise DeploySettingsError("the settings are not JSON; use xitl agent deploy of the same version") from None
     if not isinstance(document, dict) or set(document) != {"service", "options", "files"}:
         raise DeploySettingsError(

@@ -159,7 +159,7 @@ def _read(path: Path) -> _Contents:
             tuple(_mission_item(fields) for fields in document["mission"]),
             tuple(_fence_item(fields) for fields in document["fence"]),
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         if isinstance(error, StorageError):
             raise
         reason = f"{type(error).__name__}: {error}"

@@ -140,7 +140,7 @@ def _read(path: Path, stamp_ns: int) -> PanelTables:
     again = "make it again with `xitl vehicle hydrodynamics`"
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise PanelTablesError(f"cannot be read ({error}); {again}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise PanelTablesError(f"is not of the format {FORMAT!r}; {again}")
@@ -152,11 +152,12 @@ def _read(path: Path, stamp_ns: int) -> PanelTables:
         mass_kg, depth_m, length_m, width_m, friction = (
             float(content[key]) for key in ("mass_kg", "depth_m", "length_m", "width_m", "roll_friction")
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise PanelTablesError(f"lacks numbers ({error}); {again}") from error
     if wrong:
         raise PanelTablesError(f"has {wrong[0]} of a wrong size, {tables[wrong[0]].shape}; {again}")
-    finite = all(np.isfinite(values).all() for values in (omega, direction, *tables.values()))
+    numbers = np.array([mass_kg, depth_m, length_m, width_m, friction])
+    finite = all(np.isfinite(values).all() for values in (omega, direction, numbers, *tables.values()))
     if not finite or omega.size < 2 or (np.diff(omega) <= 0.0).any() or omega[0] <= 0.0:
         raise PanelTablesError(f"has frequencies that do not rise from above 0, or values that are not finite; {again}")
     full = np.arange(direction.size) * (360.0 / direction.size)

@@ -138,7 +138,7 @@ def run_there(
         raise UserError(f"{board.destination}: {_reason(done.returncode, done.stderr.decode(errors='replace'))}")
     try:
         outcome = json.loads(answer)
-    except ValueError:
+    except (ValueError, RecursionError):
         outcome = None
     if not isinstance(outcome, dict):
         raise UserError(f"{board.destination}: the answer was cut off; try again")

@@ -208,7 +208,7 @@ def read_record(at: Path) -> FirmwareRecord:
     """Return the record in a folder; an empty record when it is missing or unreadable."""
     try:
         read = json.loads((at / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return FirmwareRecord()
     if not isinstance(read, dict):
         return FirmwareRecord()

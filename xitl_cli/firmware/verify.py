@@ -9,7 +9,6 @@ the file, it is checked too.
 from __future__ import annotations
 
 import base64
-import binascii
 import hashlib
 import json
 import re
@@ -85,7 +84,7 @@ def _image(data: bytes) -> list[str]:
         size = int(described["image_size"])
         packed = base64.b64decode(described["image"], validate=True)
         image = zlib.decompressobj().decompress(packed, _MOST_IMAGE_BYTES)
-    except (ValueError, TypeError, KeyError, binascii.Error, zlib.error) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError, zlib.error) as error:
         raise DamagedError(f"it is no firmware image ({error})") from None
     if len(image) != size:
         raise DamagedError(f"its image has {len(image)} bytes, not {size} as stated in it")

@@ -17,7 +17,15 @@ from agent.companion.avoidance import (
     obstacles_near,
     simulate_courses,
 )
-from agent.companion.detection import Cluster, DetectionFrame, ObstacleDetector, cells_of, find_clusters, merged_cluster
+from agent.companion.detection import (
+    Cluster,
+    DetectionFrame,
+    ObstacleDetector,
+    cells_of,
+    find_clusters,
+    merged_cluster,
+    neighbours,
+)
 from agent.companion.obstacle_avoidance import SECTORS, ObstacleAvoidance, make_proximity_messages
 from agent.companion.pose_history import PoseHistory, VehiclePose
 from agent.companion.rigid_motion import quaternion_from_euler, rotation_matrix
@@ -52,6 +60,23 @@ def test_two_logs_are_two_clusters_and_one_drop_is_none() -> None:
         assert one.length_m == pytest.approx(5.0, abs=0.5)
         assert math.remainder(one.heading_rad - turned, math.pi) == pytest.approx(0.0, abs=0.1)
         assert one.stamp_ns == pytest.approx(3.5 * TENTH_NS, abs=1e6)
+
+
+def test_a_crest_close_by_hides_no_log_farther_away() -> None:
+    crest = np.array([[3.0, 0.0]])
+    log = np.array((30.0, 3.0)) + np.outer(np.linspace(-2.5, 2.5, 60), (1.0, 0.0))
+    frames = [frame(n * TENTH_NS, np.concatenate([log, *([crest] * (n < 4))])) for n in range(8)]
+    near, far = sorted(find_clusters(frames, HERE, 0.0), key=lambda one: one.middle_ne_m[0])
+    assert near.length_m < 0.5 < far.length_m
+    (found,) = find_clusters(frames, HERE, 10.0)
+    np.testing.assert_array_equal(found.middle_ne_m, far.middle_ne_m)
+
+
+def test_neighbours_are_the_eight_cells_around() -> None:
+    block = np.array([(north, east) for north in (6.7, 7.2, 7.7) for east in (-3.8, -3.3, -2.8)])
+    cells = cells_of(block, 0.5).tolist()
+    middle = cells.pop(4)
+    assert sorted(neighbours(middle)) == sorted(cells)
 
 
 def test_no_frames_and_empty_frames_are_nothing() -> None:

@@ -101,6 +101,17 @@ def test_refused_with_file_and_line(text: str, golden: Golden) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("opener", ["[", "{a: ", "- ", "[\n"])
+def test_a_text_that_would_exhaust_the_stack_is_refused(opener: str) -> None:
+    with pytest.raises(ProfileError, match=r"boat\.yaml:\d+: is nested too deeply; flatten it"):
+        parse_yaml("a:\n " + 100_000 * opener, "boat.yaml")
+
+
+def test_long_lists_are_not_deep() -> None:
+    pairs = _parsed(f"a: [{'[1, 2], ' * 2000}]").plain()
+    assert pairs == {"a": ((1, 2),) * 2000}
+
+
 def test_an_alias_bomb_is_refused() -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]

@@ -160,6 +160,7 @@ def test_a_file_is_read_as_it_was_written() -> None:
         (lambda text: text.replace('"mean_drift"', '"drift"'), r"lacks numbers \('mean_drift'\)"),
         (lambda text: text.replace('"omega_radps": [', '"omega_radps": [99.0, '), "has added_mass of a wrong size"),
         (lambda text: text.replace('"direction_deg": [0.0, ', '"direction_deg": [1.0, '), "has directions other than"),
+        (lambda text: text.replace('"mass_kg": ', '"mass_kg": NaN, "mass": '), "has .* values that are not finite"),
     ],
 )  # fmt: skip
 def test_a_file_that_does_not_fit_is_refused(change: object, problem: str, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 import secrets
 import struct
 from collections.abc import Mapping
@@ -24,6 +25,7 @@ _PAYLOAD_JPEG = 26
 _CLOCK_HZ = 90_000
 _TABLES_INSIDE = 255
 _MOST_BODY = 4096
+_DIGITS = re.compile(r"[0-9]{1,5}")
 _SAMPLING = {0x21: 0, 0x22: 1}
 """Type of RFC 2435 by the sampling of the luminance: 4:2:2 and 4:2:0."""
 _RTP, _JPEG, _TABLES, _INTERLEAVED = struct.Struct(">BBHII"), struct.Struct(">B3sBBBB"), struct.Struct(">BBH"), ">BBH"
@@ -146,11 +148,11 @@ class RtspSession:
         method, _, rest = first.partition(" ")
         url = rest.partition(" ")[0]
         headers = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
-        length = headers.get("content-length", "0")
-        if not length.isdecimal() or int(length) > _MOST_BODY or not first.endswith(" RTSP/1.0"):
+        length = _number(headers.get("content-length", "0"))
+        if length is None or length > _MOST_BODY or not first.endswith(" RTSP/1.0"):
             self._counts.refused += 1
             return False
-        await self._reader.readexactly(int(length))
+        await self._reader.readexactly(length)
         status, further, body = self._result(method, url, headers)
         self._counts.refused += not status.startswith("200")
         answer = [f"RTSP/1.0 {status}", f"CSeq: {headers.get('cseq', '0')}", *further]
@@ -188,10 +190,10 @@ class RtspSession:
             if not offered:
                 return "461 Unsupported Transport", [], ""
             channels = offered.partition("interleaved=")[2].partition(";")[0] or "0-1"
-            channel = channels.partition("-")[0]
-            if not channel.isdecimal() or int(channel) > 254:
+            channel = _number(channels.partition("-")[0])
+            if channel is None or channel > 254:
                 return "400 Bad Request", [], ""
-            self._sender = RtpSender(int(channel))
+            self._sender = RtpSender(channel)
             return "200 OK", [f"Transport: RTP/AVP/TCP;unicast;interleaved={channels}", session], ""
         if method == "PLAY":
             if self._sender is None:
@@ -215,6 +217,11 @@ class RtspSession:
         except (OSError, TimeoutError, ValueError) as problem:
             self._counts.stuck += isinstance(problem, TimeoutError)
             self._writer.transport.abort()
+
+
+def _number(text: str) -> int | None:
+    """Return the number of a header of at most five digits, None for any other text."""
+    return int(text) if _DIGITS.fullmatch(text) else None
 
 
 def _name(url: str) -> str:

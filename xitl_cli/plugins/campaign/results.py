@@ -172,12 +172,16 @@ def _lines(path: Path) -> Iterator[Row]:
             for line in file:
                 try:
                     row = json.loads(line)
-                except ValueError:
+                except (ValueError, RecursionError):
                     continue
-                if line.endswith(b"\n") and isinstance(row, dict) and "key" in row and "number" in row:
+                if line.endswith(b"\n") and isinstance(row, dict) and _is_row(row):
                     yield row
     except FileNotFoundError:
         return
+
+
+def _is_row(row: Row) -> bool:
+    return isinstance(row.get("number"), int) and isinstance(row.get("key"), str) and {"status", "passed"} <= row.keys()
 
 
 @dataclass

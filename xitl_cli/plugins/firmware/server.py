@@ -131,7 +131,10 @@ def _listed(url: str, read_text: ReadText) -> list[str]:
     below = urlsplit(url).path
     names: dict[str, None] = {}
     for link in _LINK.findall(page or ""):
-        path = urlsplit(urljoin(url, link)).path.rstrip("/")
+        try:
+            path = urlsplit(urljoin(url, link)).path.rstrip("/")
+        except ValueError:  # such as of `//[`
+            continue
         name = unquote(path.removeprefix(below))
         if path.startswith(below) and _NAME.fullmatch(name):
             names[name] = None

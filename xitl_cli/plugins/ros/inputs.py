@@ -377,7 +377,7 @@ def _motor(number: int, command: Callable[[float], float], value: float) -> dict
 def _action_of_json(message: Any) -> Action:
     try:
         action = json.loads(message.data)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"is not JSON ({error})") from None
     if not isinstance(action, dict):
         raise InputError('is not a JSON object; write one such as {"action": "pause"}')

@@ -21,7 +21,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.live_output import LiveOutput, LiveRun
 from xitl_cli.run.core.node import RunNode, RunStep
 from xitl_cli.run.nodes.operator import OperatorNode
-from xitl_cli.run.operator.actions import ENVIRONMENT, GROUPS
+from xitl_cli.run.operator.actions import ENVIRONMENT, GROUPS, ActionError
 
 if TYPE_CHECKING:
     from foxglove.websocket import (
@@ -252,7 +252,7 @@ class LiveFoxgloveNode(RunNode):
         name = request.service_name.removeprefix(SERVICE)
         try:
             keys = json.loads(request.payload or b"{}")
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             refusal: str | None = f"{name}: is not JSON ({error})"
         else:
             refusal = f"{name}: write its keys as a JSON object, such as {{}}"
@@ -365,9 +365,9 @@ class _Listener:
     def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
         topic = self._published.get((client.id, client_channel_id), "")
         try:
-            action = action_from_message(topic, json.loads(data))
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            self._node.warn(f"{topic}: invalid message ({error!r}); publish JSON of the topic's usual schema")
+            action = action_from_message(topic, data)
+        except ActionError as error:
+            self._node.warn(str(error))
             return
         if action is not None:
             self._node.post(action).add_done_callback(lambda answer: self._node.warn(answer.result()))
@@ -408,12 +408,19 @@ class _Listener:
         pass
 
 
-def action_from_message(topic: str, message: Any) -> Mapping[str, Any] | None:
-    """Return a client's message as an action, None for an unused topic.
+def action_from_message(topic: str, data: bytes) -> Mapping[str, Any] | None:
+    """Return a client's message, which is JSON, as an action, None for an unused topic.
 
-    A pose or a point is in the map, x east and y north, as Foxglove's 3D panel publishes it. Raises KeyError or
-    TypeError for a message that does not fit the topic.
+    A pose or a point is in the map, x east and y north, as Foxglove's 3D panel publishes it. Raises ActionError for a
+    message that does not fit the topic.
     """
+    try:
+        return _action(topic, json.loads(data))
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise ActionError(f"{topic}: invalid message ({error!r}); publish JSON of the topic's usual schema") from error
+
+
+def _action(topic: str, message: Any) -> Mapping[str, Any] | None:
     if topic == ASK:
         if not isinstance(message, dict):
             raise TypeError("an action is a JSON object")

@@ -606,7 +606,7 @@ def action_text(text: str) -> str:
     """Return an action as words, such as `wind mean_mps 6`. Other text stays unchanged."""
     try:
         action = dict(json.loads(text))
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         return text
     words = [str(action.pop("action", "?")), *(f"{key} {value}" for key, value in action.items() if value != "")]
     return " ".join(words)

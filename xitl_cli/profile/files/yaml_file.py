@@ -51,6 +51,9 @@ _SAME_IN_BOTH = re.compile(r"(?:[^\x00-\x09\x0b-\x1f\x7f-\x9f\u2028\u2029\ufeff?
 """Texts that both loaders read alike. They differ in tabs, other spaces and line ends, `?`, tags, directives, and
 comments directly after `|`."""
 
+_SURELY_COMPOSED = 400
+"""Depth that libyaml composes on the stack of any thread. Only long profiles can have more."""
+
 
 class _RefusedError(Exception):
     def __init__(self, line: int, sentence: str) -> None:
@@ -95,6 +98,7 @@ def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | No
         return Origin(source, None if first_line is None else first_line + line)
 
     try:
+        _refuse_deep(text)
         if len(text) < LONG_TEXT and _SAME_IN_BOTH.fullmatch(text):
             with suppress(yaml.YAMLError, RecursionError, _RefusedError):  # the other loader has the precise error
                 return _entry(_quick_loader, text, origin)
@@ -123,6 +127,23 @@ def _entry(make_loader: Callable[[str], Any], text: str, origin: Callable[[int],
             return None if node is None else _Reader(origin, len(text)).entry(node, node.start_mark.line)
     finally:
         loader.dispose()
+
+
+def _refuse_deep(text: str) -> None:
+    """Raise _RefusedError for a text that is nested so deeply that libyaml, which recurses in C, would crash."""
+    longest = max(map(len, text.splitlines()), default=0)
+    if text.count("[") + text.count("{") + longest <= _SURELY_COMPOSED:  # a level needs a bracket or a column
+        return
+    events, depth = _quick_loader(text), 0
+    try:
+        with suppress(yaml.YAMLError):  # the reader of the nodes has the precise error
+            while events.check_event():
+                event = events.get_event()
+                depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+                if depth > MAX_DEPTH:
+                    raise _RefusedError(event.start_mark.line, "is nested too deeply; flatten it")
+    finally:
+        events.dispose()
 
 
 @contextmanager

@@ -43,7 +43,7 @@ def read_plan(text: str) -> Course:
     if not isinstance(rally, dict):
         raise MissionFileError("rallyPoints is not an object; save the plan again")
     rally_points = []
-    for number, point in enumerate(rally.get("points") or []):
+    for number, point in enumerate(_optional_list(rally, "points", "rallyPoints")):
         where = f"rallyPoints.points.{number}"
         rally_points.append(FileItem(RALLY_POINT, place_deg=_pair(point, where), where=where))
     items = list(_plan_items(_member(mission, "items", list, "mission"), "mission.items"))
@@ -81,6 +81,11 @@ def _member(group: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
         path = f"{where}.{key}" if where else key
         raise MissionFileError(f"{path} is missing or is not {expected}; save the plan again")
     return value
+
+
+def _optional_list(group: Mapping[str, Any], key: str, where: str) -> list[Any]:
+    items: list[Any] = _member({key: group.get(key) or []}, key, list, where)
+    return items
 
 
 def _plan_items(items: list[Any], path: str) -> Iterator[tuple[FileItem, Any]]:
@@ -125,7 +130,7 @@ def _plan_fence(fence: Any) -> Iterator[FileItem]:
         raise MissionFileError("geoFence is not an object; save the plan again")
     if isinstance(fence.get("polygon"), list) and fence["polygon"]:
         raise MissionFileError("geoFence is of version 1; open the plan in QGroundControl and save it again")
-    for number, shape in enumerate(fence.get("polygons") or []):
+    for number, shape in enumerate(_optional_list(fence, "polygons", "geoFence")):
         where = f"geoFence.polygons.{number}"
         corners = shape.get("polygon") if isinstance(shape, dict) else None
         if not isinstance(corners, list) or len(corners) < 3:
@@ -134,7 +139,7 @@ def _plan_fence(fence: Any) -> Iterator[FileItem]:
         for index, corner in enumerate(corners):
             place = _pair(corner, f"{where}.polygon.{index}")
             yield FileItem(command, (float(len(corners)), 0.0, 0.0, 0.0), place, 0.0, 0, where)
-    for number, shape in enumerate(fence.get("circles") or []):
+    for number, shape in enumerate(_optional_list(fence, "circles", "geoFence")):
         where = f"geoFence.circles.{number}"
         circle = shape.get("circle") if isinstance(shape, dict) else None
         if not isinstance(circle, dict):

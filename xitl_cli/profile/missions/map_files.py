@@ -201,4 +201,8 @@ def read_xml(text: str) -> Element:
     except expat.ExpatError as error:
         problem = expat.ErrorString(error.code)
         raise MissionFileError(f"is not valid XML: {problem}; save it again", error.lineno) from None
+    except MissionFileError:
+        raise
+    except (LookupError, ValueError) as error:  # of an encoding that is unknown, or that expat does not support
+        raise MissionFileError(f"is not valid XML: {error}; save it as UTF-8", 1) from None
     return document.children[0]

@@ -103,7 +103,7 @@ def _recorded_actions(file: Path) -> Iterator[TimedAction]:
             table = log[TOPIC]
             for time_ns, text, source in zip(table.stamp_ns, table["action"], table["source"], strict=True):
                 yield _checked(int(time_ns), json.loads(str(text)), str(source), str(file))
-    except (LogError, ValueError) as error:
+    except (LogError, ValueError, RecursionError) as error:
         raise UserError(
             f"--replay-events {file} cannot be read ({error}); give a run directory, a .mcap or .jsonl file"
         ) from error
@@ -120,7 +120,7 @@ def _actions_of_lines(file: Path) -> Iterator[TimedAction]:
         where = f"{file}:{number}"
         try:
             action = json.loads(line)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise UserError(f"{where}: no JSON ({error}); write one JSON object per line") from None
         time_s = action.pop("time_s", None) if isinstance(action, dict) else None
         if not isinstance(time_s, (int, float)) or isinstance(time_s, bool) or not 0 <= time_s < 1e9:

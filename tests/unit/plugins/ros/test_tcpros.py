@@ -350,6 +350,31 @@ def test_a_master_that_answers_nonsense_is_said_and_asked_again(
     wait(lambda: master.subscribers.get("/thrust") and master.publishers.get("/speed"))
 
 
+@pytest.mark.parametrize(
+    "value",
+    [
+        "<bigdecimal>x</bigdecimal>",
+        "<struct><member><name>a</name></member></struct>",
+        "<struct><member><name>a</name><value><int>1</int></value></member><value><int>2</int></value></struct>",
+    ],
+)
+def test_a_value_that_is_no_xml_rpc_is_a_refusal(value: str) -> None:
+    body = f"<methodResponse><params><param><value>{value}</value></param></params></methodResponse>".encode()
+
+    class Broken(SimpleXMLRPCRequestHandler):
+        def do_POST(self) -> None:  # noqa: N802
+            self.rfile.read(int(self.headers["Content-Length"]))
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+    with SimpleXMLRPCServer(("127.0.0.1", 0), Broken, logRequests=False) as api:
+        threading.Thread(target=api.handle_request, daemon=True).start()
+        with pytest.raises(master_module.MasterRefusedError, match="does not follow the API of ROS"):
+            master_module.call(f"http://127.0.0.1:{api.server_address[1]}", "getPid", "/xitl")
+
+
 def test_a_page_in_place_of_a_master_is_said_once_and_asked_again() -> None:
     asked = 0
 

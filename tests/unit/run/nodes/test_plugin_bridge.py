@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import socket
 import threading
@@ -146,6 +147,23 @@ def test_a_tap_that_raises_is_a_failure_of_the_bridge(install: Install) -> None:
     assert seen[1].startswith("the bridge of a package, lines (xitl-lines 1.2) failed at ")
     assert list(guarded.commands() or ()) == []
     guarded.close()
+
+
+def test_a_bridge_that_cannot_be_closed_is_a_problem_with_its_innermost_line(
+    install: Install, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install("xitl-lines", LINES)
+    import xitl_lines
+
+    from agent.bridges.guard import GuardedInjector
+
+    guarded = GuardedInjector(xitl_lines.KIND, "lines", "xitl-lines 1.2", "udp://127.0.0.1:9", None)  # type: ignore[arg-type]
+    (kind,) = {type(value) for value in vars(guarded).values() if type(value).__module__ == "xitl_lines"}
+    close = kind.close
+    monkeypatch.setattr(kind, "close", lambda self: (close(self), json.loads("[")))
+    guarded.close()
+    assert guarded.problem.startswith("lines (xitl-lines 1.2) failed when it was closed (JSONDecodeError: ")
+    assert "decoder.py:" in guarded.problem
 
 
 @pytest.mark.parametrize(

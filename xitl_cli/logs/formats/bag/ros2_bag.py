@@ -26,6 +26,18 @@ from xitl_cli.logs.model.joined import JoinedLog
 from xitl_cli.logs.model.log import Format, Log
 
 _ROWS_AT_ONCE = 1000
+_DAMAGE = (sqlite3.Error, UnicodeDecodeError)
+"""Errors of a damaged database. The second one is of a message of SQLite that quotes damaged text."""
+
+
+def _text(column: str) -> str:
+    """Return the SQL for a column as text, because SQLite stores any type in any column."""
+    return f"ifnull(CAST({column} AS TEXT), '')"
+
+
+def _whole(column: str) -> str:
+    """Return the SQL for a column as a whole number."""
+    return f"ifnull(CAST({column} AS INTEGER), 0)"
 
 
 class SqliteBag(BagLog):
@@ -50,7 +62,7 @@ class SqliteBag(BagLog):
             self._open()
         except BaseException as error:
             self._database.close()
-            if isinstance(error, sqlite3.Error):
+            if isinstance(error, _DAMAGE):
                 raise LogError(f"{path}: is not a complete SQLite database ({error}); record the bag again") from error
             raise
 
@@ -62,12 +74,12 @@ class SqliteBag(BagLog):
             )
         definitions: dict[str, str] = {}
         if "message_definitions" in present:
-            rows = self._database.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            )
+            columns = f"{_text('topic_type')}, encoding, {_text('encoded_message_definition')}"
+            rows = self._database.execute(f"SELECT {columns} FROM message_definitions")
             definitions = {kind: text for kind, encoding, text in rows if encoding == "ros2msg"}
         counts, span = self._counts()
-        topics = self._database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
+        columns = ", ".join(map(_text, ("name", "type", "serialization_format")))
+        topics = self._database.execute(f"SELECT id, {columns} FROM topics ORDER BY id")
         self._settle(
             [
                 BagTopic(name, kind, definitions.get(kind, ""), form, counts.get(id, 0), partial(self._rows, id))
@@ -80,11 +92,12 @@ class SqliteBag(BagLog):
         """Number of messages by topic, and first and last stamp. A damaged database is counted up to the damage."""
         counts, first, last = dict[int, int](), 0, 0
         try:
-            for topic, stamp_ns in self._database.execute("SELECT topic_id, timestamp FROM messages ORDER BY id"):
+            stamps = self._database.execute(f"SELECT topic_id, {_whole('timestamp')} FROM messages ORDER BY id")
+            for topic, stamp_ns in stamps:
                 first = stamp_ns if not counts else min(first, stamp_ns)
                 last = stamp_ns if not counts else max(last, stamp_ns)
                 counts[topic] = counts.get(topic, 0) + 1
-        except sqlite3.DatabaseError as error:
+        except _DAMAGE as error:
             self._closed = False
             self._losses.note(0, 0, f"the database is damaged ({error}): messages behind the damage are lost")
         return counts, (first, last) if counts else None
@@ -94,16 +107,17 @@ class SqliteBag(BagLog):
 
     def _pieces(self, topic: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, list[bytes]]]:
         """Sizes, stamps, places (numbers of the messages in the bag) and payloads."""
-        cursor = self._database.execute(
-            "SELECT id, timestamp, data FROM messages WHERE topic_id = ? ORDER BY id", (topic,)
-        )
+        columns = f"{_whole('id')}, {_whole('timestamp')}, CAST(data AS BLOB)"
+        cursor: Iterator[tuple[int, int, bytes | None]] = iter(())
+        with contextlib.suppress(*_DAMAGE):  # counted as damage together with the messages
+            cursor = self._database.execute(f"SELECT {columns} FROM messages WHERE topic_id = ? ORDER BY id", (topic,))
         while True:
-            rows = list[tuple[int, int, bytes]]()
-            with contextlib.suppress(sqlite3.DatabaseError):  # counted as damage together with the messages
+            rows = list[tuple[int, int, bytes | None]]()
+            with contextlib.suppress(*_DAMAGE):
                 rows.extend(islice(cursor, _ROWS_AT_ONCE))
             if not rows:
                 return
-            payloads = [self._unpacked(bytes(data or b"")) for _, _, data in rows]
+            payloads = [self._unpacked(data or b"") for _, _, data in rows]
             yield (
                 np.array([len(data) for data in payloads], dtype=np.int64),
                 np.array([stamp_ns for _, stamp_ns, _ in rows], dtype=np.int64),
@@ -165,7 +179,7 @@ def open_bag_folder(path: Path) -> Log:
             about = yaml.safe_load(metadata.read_text("utf-8", "replace"))["rosbag2_bagfile_information"]
             files = tuple(path / Path(str(name)).name for name in about["relative_file_paths"])
             packed = str(about.get("compression_mode", "")).upper() == "MESSAGE"
-        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        except (OSError, yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
             raise LogError(
                 f"{metadata}: is not valid metadata of a bag ({type(error).__name__}); "
                 f"recreate it with `ros2 bag reindex {path}`"

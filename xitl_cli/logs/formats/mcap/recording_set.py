@@ -154,7 +154,7 @@ def _file_of(part: McapLog) -> LogFile:
     try:
         listed = {str(topic): int(rows) for topic, rows in json.loads(about["repeated"]).items() if int(rows) > 0}
         return LogFile(part.path, int(about["from_ns"]), listed)
-    except (KeyError, ValueError, AttributeError, TypeError):
+    except (KeyError, ValueError, AttributeError, TypeError, OverflowError, RecursionError):
         return LogFile(part.path)
 
 

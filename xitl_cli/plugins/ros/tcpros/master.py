@@ -46,7 +46,7 @@ def call(uri: str, method: str, *arguments: Any) -> Any:
         raise MasterRefusedError(str(error)[:200]) from error
     except (OSError, http.client.HTTPException, ExpatError) as error:
         raise MasterAwayError(str(error) or type(error).__name__) from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, LookupError, ArithmeticError) as error:  # xmlrpc checks hardly anything
         raise nonsense(method) from error
     if code != 1:
         raise MasterRefusedError(str(status)[:200])

@@ -78,6 +78,7 @@ def test_six_runs_that_differ_in_environment_and_sensors_alone(tmp_path: Path, m
     late, sooner = report.rows[0], report.rows[2]
     assert (late.paper, late.ours, late.unit) == (30.0, 0.0, "s")
     assert (sooner.paper, sooner.ours) == (10.0, 5.0)
+    assert "by less" in sooner.difference
 
 
 def test_what_did_not_happen_has_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
