@@ -45,11 +45,11 @@ def run(folder: Path, word: str, *arguments: str, seconds: int = 5, **environmen
     (folder / "conftest.py").write_text(CONFTEST)
     (folder / "test_it.py").write_text(TEST.replace("WORD", word).replace("5 s", f"{seconds} s"))
     others = {key: value for key, value in os.environ.items() if key not in (*IN_CI, "PYTEST_ADDOPTS")}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments, "."]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "xdist.plugin", *arguments, "."]
     done = subprocess.run(
         command,
         cwd=folder,
-        env=others | {"PYTHONPATH": str(TESTS.parent)} | environment,
+        env=others | {"PYTHONPATH": str(TESTS.parent), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"} | environment,
         capture_output=True,
         text=True,
         check=False,
