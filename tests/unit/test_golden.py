@@ -57,6 +57,7 @@ def run(folder: Path, word: str, *arguments: str, seconds: int = 5, **environmen
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [(), ("-n", "1")], ids=["alone", "xdist"])
 def test_an_update_stores_the_texts_and_a_change_fails_until_the_next(
     tmp_path: Path, arguments: tuple[str, ...]

@@ -39,6 +39,7 @@ def run(*overrides: str, path: str = "boat.yaml") -> session.Result:
     return session.run(load_profile(path, list(overrides)), Path("run"), True, NoDisplay, timed=True)
 
 
+@pytest.mark.slow
 def test_the_sail_of_the_guide_moves_the_vessel_and_is_recorded(install: Install, boat: Path) -> None:
     install("xitl-sail", SAIL, actuators=ENTRY)
     wind = ("environment.wind.mean_mps=8", "environment.wind.direction_deg=180", "mission.start.heading_deg=0")
@@ -178,6 +179,7 @@ def test_a_fault_of_a_propeller_acts_beside_a_sail(install: Install, boat: Path)
     assert speeds.tolist() == pytest.approx([-0.5, 0.5, 1.0], abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_embedded_autopilot_leaves_an_added_actuator_at_zero(install: Install, boat: Path) -> None:
     install("xitl-sail", SAIL, actuators=ENTRY)
     boat.write_text("extends: sitl\nvehicle: {actuators: {sail: {area_m2: 2}}}\n", encoding="utf-8")
