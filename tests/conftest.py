@@ -132,10 +132,13 @@ def has_mark(file: Path, kind: str) -> bool:
 
 def all_are(file: Path, kinds: list[str]) -> bool:
     """Whether each test of a file has the mark of one of these kinds."""
+    if any(re.search(ALL_ARE % kind, text(file)) for kind in kinds):
+        return True
     tests = TESTS.findall(text(file))
-    return any(re.search(ALL_ARE % kind, text(file)) for kind in kinds) or (
-        bool(tests) and all(any(f"mark.{kind}" in decorators for kind in kinds) for decorators in tests)
-    )
+    marked = [
+        decorators for decorators in tests if re.search(rf"(?m)^@pytest\.mark\.(?:{'|'.join(kinds)})$", decorators)
+    ]
+    return 0 < len(tests) == len(marked)
 
 
 @cache

@@ -154,8 +154,8 @@ def balls() -> Iterator[Renderer]:
     "spec",
     [
         LensSpec(view_deg=70),
-        LensSpec(view_deg=80, distortion=(-0.25, 0.06, 0.001, -0.0008)),
-        LensSpec(model="fisheye", view_deg=190, distortion=(0.02, -0.01)),
+        pytest.param(LensSpec(view_deg=80, distortion=(-0.25, 0.06, 0.001, -0.0008)), marks=pytest.mark.slow),
+        pytest.param(LensSpec(model="fisheye", view_deg=190, distortion=(0.02, -0.01)), marks=pytest.mark.slow),
     ],
     ids=["pinhole", "distorted", "fisheye"],
 )
