@@ -58,6 +58,8 @@ LONGEST_FIRST = (
 RANKS = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
 KINDS = ("slow", "realtime")
 ALL_ARE = r"(?m)^pytestmark = (?:\[[^]]*)?pytest\.mark\.%s\b"
+TESTS = re.compile(r"(?m)((?:^@.*\n(?:^[ \])}].*\n)*)*)^(?:(?:async )?def test_|class Test|Test\w+ = )")
+"""Each test of a file. The group has its decorators."""
 FOR_ALL_TESTS_OF_A_FILE = 'scope="module"'
 
 
@@ -85,9 +87,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     for kind in KINDS:
         if words[:1] == [kind] and not has_mark(collection_path, kind):
             return True
-        if re.search(rf"\bnot {kind}\b", config.option.markexpr) and re.search(ALL_ARE % kind, text(collection_path)):
-            return True
-    return None
+    left_out = [kind for kind in KINDS if re.search(rf"\bnot {kind}\b", config.option.markexpr)]
+    return True if left_out and all_are(collection_path, left_out) else None
 
 
 @pytest.hookimpl(wrapper=True)
@@ -127,6 +128,17 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 def has_mark(file: Path, kind: str) -> bool:
     return f"mark.{kind}" in text(file)
+
+
+def all_are(file: Path, kinds: list[str]) -> bool:
+    """Whether each test of a file has the mark of one of these kinds."""
+    if any(re.search(ALL_ARE % kind, text(file)) for kind in kinds):
+        return True
+    tests = TESTS.findall(text(file))
+    marked = [
+        decorators for decorators in tests if re.search(rf"(?m)^@pytest\.mark\.(?:{'|'.join(kinds)})$", decorators)
+    ]
+    return 0 < len(tests) == len(marked)
 
 
 @cache

@@ -5,6 +5,7 @@ State: u, v and r at midship, north, east, yaw, rudder angle. The propeller turn
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -37,8 +38,8 @@ class Kvlcc2:
 
     def forces(self, u: float, v: float, r: float, delta: float, rps: float) -> Array:
         """X, Y and N about midship of hull, propeller and rudder."""
-        speed = np.hypot(u, v)
-        drift, side, turn = np.arctan2(-v, u), v / speed, r * self.length / speed
+        speed = math.hypot(u, v)
+        drift, side, turn = math.atan2(-v, u), v / speed, r * self.length / speed
         hull = 0.5 * self.rho * self.length * self.draft * speed**2
         x = -self.resistance - 0.040 * side**2 + 0.002 * side * turn + 0.011 * turn**2 + 0.771 * side**4
         y = -0.315 * side + 0.083 * turn - 1.607 * side**3 + 0.379 * side**2 * turn
@@ -48,22 +49,22 @@ class Kvlcc2:
         x, y, n = hull * x, hull * y, hull * self.length * n
         # Propeller
         at_propeller = drift + 0.48 * turn
-        more = 1.0 + (1.0 - np.exp(-2.0 * abs(at_propeller))) * ((1.6 if at_propeller > 0 else 1.1) - 1.0)
+        more = 1.0 + (1.0 - math.exp(-2.0 * abs(at_propeller))) * ((1.6 if at_propeller > 0 else 1.1) - 1.0)
         inflow = (1.0 - self.wake) * more * u
         thrust = self.thrust(inflow, rps)
         x += (1.0 - 0.220) * thrust
         # Rudder
         eta, ratio = self.diameter / self.span, inflow / (rps * self.diameter)
         coefficient = thrust / (self.rho * rps**2 * self.diameter**4)
-        race = 1.0 + 0.50 * (np.sqrt(1.0 + 8.0 * coefficient / (np.pi * ratio**2)) - 1.0)
-        along = 1.09 * inflow * np.sqrt(eta * race**2 + 1.0 - eta)
+        race = 1.0 + 0.50 * (math.sqrt(1.0 + 8.0 * coefficient / (math.pi * ratio**2)) - 1.0)
+        along = 1.09 * inflow * math.sqrt(eta * race**2 + 1.0 - eta)
         at_rudder = drift + 0.710 * turn
         across = speed * (0.640 if at_rudder > 0 else 0.395) * at_rudder
-        attack = delta - np.arctan2(across, along)
-        normal = 0.5 * self.rho * self.area * 2.747 * (along**2 + across**2) * np.sin(attack)
-        x -= (1.0 - 0.387) * normal * np.sin(delta)
-        y -= 1.312 * normal * np.cos(delta)
-        n -= (-0.5 + 0.312 * -0.464) * self.length * normal * np.cos(delta)
+        attack = delta - math.atan2(across, along)
+        normal = 0.5 * self.rho * self.area * 2.747 * (along**2 + across**2) * math.sin(attack)
+        x -= (1.0 - 0.387) * normal * math.sin(delta)
+        y -= 1.312 * normal * math.cos(delta)
+        n -= (-0.5 + 0.312 * -0.464) * self.length * normal * math.cos(delta)
         return np.array([x, y, n])
 
     def self_propulsion_rps(self, speed: float) -> float:
@@ -82,13 +83,15 @@ class Kvlcc2:
         surge, sway, yaw = 0.022 * unit, 0.223 * unit, 0.011 * unit * self.length**2
         inertia, lever = mass * (self.gyration * self.length) ** 2, self.gravity_x * mass
         coupled = np.array([[mass + sway, lever], [lever, inertia + self.gravity_x * lever + yaw]])
+        (side_y, side_n), (turn_y, turn_n) = np.linalg.inv(coupled).tolist()
 
         def rates(state: Array) -> Array:
-            u, v, r, _, _, psi, delta = state
-            x, y, n = self.forces(u, v, r, delta, rps)
+            u, v, r, _, _, psi, delta = state.tolist()
+            x, y, n = self.forces(u, v, r, delta, rps).tolist()
+            y, n = y - (mass + surge) * u * r, n - lever * u * r
             forward = (x + (mass + sway) * v * r + lever * r * r) / (mass + surge)
-            side, turn = np.linalg.solve(coupled, [y - (mass + surge) * u * r, n - lever * u * r])
-            north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+            side, turn = side_y * y + side_n * n, turn_y * y + turn_n * n
+            north, east = u * math.cos(psi) - v * math.sin(psi), u * math.sin(psi) + v * math.cos(psi)
             return np.array([forward, side, turn, north, east, r, 0.0])
 
         return steered(rates, speed, ordered_deg, self.rate_degps, duration, step)

@@ -45,11 +45,11 @@ def run(folder: Path, word: str, *arguments: str, seconds: int = 5, **environmen
     (folder / "conftest.py").write_text(CONFTEST)
     (folder / "test_it.py").write_text(TEST.replace("WORD", word).replace("5 s", f"{seconds} s"))
     others = {key: value for key, value in os.environ.items() if key not in (*IN_CI, "PYTEST_ADDOPTS")}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments, "."]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "xdist.plugin", *arguments, "."]
     done = subprocess.run(
         command,
         cwd=folder,
-        env=others | {"PYTHONPATH": str(TESTS.parent)} | environment,
+        env=others | {"PYTHONPATH": str(TESTS.parent), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"} | environment,
         capture_output=True,
         text=True,
         check=False,
@@ -57,6 +57,7 @@ def run(folder: Path, word: str, *arguments: str, seconds: int = 5, **environmen
     return done.returncode, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [(), ("-n", "1")], ids=["alone", "xdist"])
 def test_an_update_stores_the_texts_and_a_change_fails_until_the_next(
     tmp_path: Path, arguments: tuple[str, ...]

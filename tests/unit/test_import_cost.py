@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
+from functools import cache
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -64,26 +65,35 @@ NOT_IN_SITL = (
 """Modules of other profiles than sitl, and pydantic, with which typer converts unusual values."""
 
 
-def modules_of(arguments: tuple[str, ...], folder: Path) -> list[str]:
-    """Return the names of all modules that a command imports."""
+SIM = ("sim", "sitl", "--duration", "0.1", "--seed", "3", "--set", "clock.seed=2", "--out", "run", "--overwrite")
+
+
+@cache
+def loaded_by(arguments: tuple[str, ...]) -> tuple[int, list[str]]:
+    """Return how often a command reads entry points, and the names of all modules that it imports."""
     program = (
-        f"import sys\nsys.argv = ['xitl', *{arguments!r}]\nfrom xitl_cli.main import main\n"
-        "try: main()\nfinally: print(*sys.modules, file=sys.stderr)"
+        "import sys\nfrom xitl_cli import registry\nfrom xitl_cli.main import main\n"
+        "read, reads = registry.ranked_entry_points, []\n"
+        "registry.ranked_entry_points = lambda prefix: reads.append(prefix) or read(prefix)\n"
+        f"sys.argv = ['xitl', *{arguments!r}]\n"
+        "try: main()\nfinally: print(len(reads), *sys.modules, file=sys.stderr)"
     )
-    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, check=False)
+    with TemporaryDirectory() as folder:
+        ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, check=False)
     assert ran.returncode == 0, ran.stderr
-    return ran.stderr.split()
+    reads, *modules = ran.stderr.split()
+    return int(reads), modules
 
 
-@pytest.mark.parametrize(("arguments", "most"), [(("--help",), 32), (("sim", "sitl", "--duration", "0.1"), 304)])
-def test_commands_import_few_modules_of_xitl(tmp_path: Path, arguments: tuple[str, ...], most: int) -> None:
-    own = [name for name in modules_of(arguments, tmp_path) if name.split(".")[0] in OWN]
-    assert len(own) <= most
+@pytest.mark.parametrize(("arguments", "most"), [(("--help",), 32), (SIM, 304)])
+def test_commands_import_few_modules_of_xitl(arguments: tuple[str, ...], most: int) -> None:
+    _, modules = loaded_by(arguments)
+    assert len([name for name in modules if name.split(".")[0] in OWN]) <= most
 
 
-def test_a_run_imports_no_module_of_other_profiles(tmp_path: Path) -> None:
-    words = ("sim", "sitl", "--duration", "0.1", "--seed", "3", "--set", "clock.seed=2", "--out", "run", "--overwrite")
-    assert set(NOT_IN_SITL).isdisjoint(modules_of(words, tmp_path))
+def test_a_run_imports_no_module_of_other_profiles() -> None:
+    _, modules = loaded_by(SIM)
+    assert set(NOT_IN_SITL).isdisjoint(modules)
 
 
 @pytest.mark.parametrize("arguments", [("campaign", "controllers", "--dry-run"), ("--help",), ("profiles", "list")])
@@ -97,27 +107,9 @@ def test_commands_of_a_base_install_run_without_packages_of_extras(arguments: tu
 
 
 @pytest.mark.parametrize(
-    ("arguments", "most"),
-    [
-        (("sim", "--duration", "0.1"), 1),
-        (("wdri", "sitl"), 1),
-        (("profiles", "show", "sitl"), 1),
-        (("doctor", "-h"), 0),
-    ],
+    ("arguments", "most"), [(SIM, 1), (("wdri", "sitl"), 1), (("profiles", "show", "sitl"), 1), (("doctor", "-h"), 0)]
 )
-def test_core_commands_load_no_plug_in_and_read_entry_points_once(
-    tmp_path: Path, arguments: tuple[str, ...], most: int
-) -> None:
-    program = (
-        "import sys\nfrom xitl_cli import registry\nfrom xitl_cli.main import main\n"
-        "read, reads = registry.ranked_entry_points, []\n"
-        "registry.ranked_entry_points = lambda prefix: reads.append(prefix) or read(prefix)\n"
-        f"sys.argv = ['xitl', *{arguments!r}]\n"
-        "try: main()\n"
-        "finally: print(len(reads), *[name for name in sys.modules if name.startswith('xitl_cli.plugins')],"
-        " file=sys.stderr)"
-    )
-    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, check=False)
-    reads, *loaded = ran.stderr.split()
-    assert (ran.returncode, loaded) == (0, []), ran.stderr
-    assert int(reads) <= most
+def test_core_commands_load_no_plug_in_and_read_entry_points_once(arguments: tuple[str, ...], most: int) -> None:
+    reads, modules = loaded_by(arguments)
+    assert [name for name in modules if name.startswith("xitl_cli.plugins")] == []
+    assert reads <= most

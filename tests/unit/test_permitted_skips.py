@@ -21,8 +21,8 @@ def run(directory: Path, reason: str, guarded: bool, *arguments: str) -> subproc
         f"import pytest\n\ndef test_passes():\n    pass\n\ndef test_skips():\n    pytest.skip({reason!r})\n"
     )
     environment = {key: value for key, value in os.environ.items() if key not in (GUARD, "PYTEST_ADDOPTS")}
-    environment |= {"PYTHONPATH": str(ROOT)} | ({GUARD: "1"} if guarded else {})
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments, "."]
+    environment |= {"PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"} | ({GUARD: "1"} if guarded else {})
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "xdist.plugin", *arguments, "."]
     return subprocess.run(command, cwd=directory, env=environment, capture_output=True, text=True, check=False)
 
 

@@ -139,24 +139,31 @@ def test_the_water_is_the_surface_of_the_simulation(river: tuple[Scenery, Triang
     assert off_m.max() < 0.08  # just behind a crest
 
 
+CENTRES = np.array([[20.0, 0.0, -40.0], [20.0, 7.0, -44.0], [15.0, -9.0, -36.0], [9.0, 4.5, -41.0]])
+
+
+@pytest.fixture(scope="module")
+def balls() -> Iterator[Renderer]:
+    one = model(*(moved(sphere(0.35, STEEL, 32, 24), centre) for centre in CENTRES))
+    renderer = Renderer({"balls": one}, samples=1)
+    yield renderer
+    renderer.close()
+
+
 @pytest.mark.parametrize(
     "spec",
     [
         LensSpec(view_deg=70),
-        LensSpec(view_deg=80, distortion=(-0.25, 0.06, 0.001, -0.0008)),
-        LensSpec(model="fisheye", view_deg=190, distortion=(0.02, -0.01)),
+        pytest.param(LensSpec(view_deg=80, distortion=(-0.25, 0.06, 0.001, -0.0008)), marks=pytest.mark.slow),
+        pytest.param(LensSpec(model="fisheye", view_deg=190, distortion=(0.02, -0.01)), marks=pytest.mark.slow),
     ],
     ids=["pinhole", "distorted", "fisheye"],
 )
-def test_an_object_is_where_its_lens_projects_it(spec: LensSpec) -> None:
+def test_an_object_is_where_its_lens_projects_it(balls: Renderer, spec: LensSpec) -> None:
     lens = Lens.from_spec(spec, 640, 480)
     where = view(0.0, 0.0, -40.0)
-    centres = np.array([[20.0, 0.0, -40.0], [20.0, 7.0, -44.0], [15.0, -9.0, -36.0], [9.0, 4.5, -41.0]])
-    balls = model(*(moved(sphere(0.35, STEEL, 32, 24), centre) for centre in centres))
-    renderer = Renderer({"balls": balls}, samples=1)
-    measured = renderer.measure(where, lens, surroundings(at_origin("balls")))
-    renderer.close()
-    for number, centre in enumerate(centres):
+    measured = balls.measure(where, lens, surroundings(at_origin("balls")))
+    for number, centre in enumerate(CENTRES):
         rows, columns = np.nonzero(measured[..., 0] == 1 + number)
         seen = lens.project((centre - where.pos_ned_m) @ where.rot_ned_optical)
         assert len(rows) > 20

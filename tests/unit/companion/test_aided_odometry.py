@@ -78,6 +78,7 @@ def off_m(odometry: LidarOdometry, drive: Drive) -> float:
     return float(np.linalg.norm(placed[-1].pose_odom[:3, 3] - true_m))
 
 
+@pytest.mark.slow
 def test_it_finds_its_way_past_water_that_shows_nothing(drive: Drive) -> None:
     aided, alone = LidarOdometry(motion=told), LidarOdometry()
     # As without a blind spell (test_lidar_odometry): what the clouds after it add.

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from real_reports import report_of_log
 
-from tests.recorded import LOGS
-from xitl_cli.log_analyses import log_analyses
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
-from xitl_cli.logs.report.build import build_report
 from xitl_cli.logs.report.causes import CAUSES, WHOLE_LOG, group_findings
 from xitl_cli.logs.report.file_report import FileFinding, FileReport
 from xitl_cli.logs.report.model import Report
@@ -90,7 +88,7 @@ def test_generated_findings_keep_the_order_of_time(seed: int) -> None:
 
 @pytest.mark.parametrize("name", ["boat-auto-calm", "boat-auto-external-ahrs", "boat-auto-linux-hal-injected"])
 def test_real_logs_keep_the_order_of_time(name: str) -> None:
-    report = build_report([LOGS / f"{name}.bin"], log_analyses())
+    report = report_of_log(name)
     check(report)
     unhealthy = [group for group in group_findings(report) if group.cause.finding.key == "sensors.unhealthy"]
     for group in unhealthy:  # barometers without a source, from the first row to the last
@@ -108,7 +106,7 @@ def test_a_failsafe_of_the_radio_has_no_barometer_as_its_cause() -> None:
 
 
 def test_a_radio_failsafe_of_a_real_log_follows_no_sensor() -> None:
-    report = build_report([LOGS / "boat-auto-linux-hal-injected.bin"], log_analyses())
+    report = report_of_log("boat-auto-linux-hal-injected")
     for group in group_findings(report):
         below = [each.finding.key for each in group.consequences]
         assert not (group.cause.finding.key.startswith("sensors") and "modes.failsafe.link" in below)

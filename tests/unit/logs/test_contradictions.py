@@ -6,13 +6,11 @@ import random
 from pathlib import Path
 
 import pytest
+from real_reports import report_of_log
 
-from tests.recorded import LOGS
-from xitl_cli.log_analyses import log_analyses
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
-from xitl_cli.logs.report.build import build_report
 from xitl_cli.logs.report.causes import CONTRADICTED, is_contradicted, without_contradictions
 from xitl_cli.logs.report.file_report import FileReport
 from xitl_cli.logs.report.model import Report
@@ -56,4 +54,4 @@ def test_generated_findings_do_not_contradict_each_other(seed: int) -> None:
     "name", ["boat-auto-calm", "boat-auto-gust", "boat-auto-external-ahrs", "boat-auto-linux-hal-injected"]
 )
 def test_real_logs_do_not_contradict_themselves(name: str) -> None:
-    check(build_report([LOGS / f"{name}.bin"], log_analyses()))
+    check(report_of_log(name))

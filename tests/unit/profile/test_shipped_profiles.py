@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from shipped import shipped
 
 from sim_core.keys import key_annotations
 from xitl_cli.profile import load_profile, load_with_origins, resolved_yaml
@@ -41,19 +42,19 @@ RUNNABLE = sorted([*EMULATED, *ALONE, *SENSING, *PERCEPTION, *BOARDS, *LOOPBACKS
 
 @pytest.mark.parametrize("name", shipped_profiles())
 def test_every_shipped_profile_loads_and_describes_itself(name: str) -> None:
-    profile = load_profile(name)
+    profile = shipped(name).profile
     assert profile.name == name
     assert 10 < len(profile.description) < 100
     assert shipped_profiles()[name].read_text(encoding="utf-8").startswith("# ")
 
 
 def test_those_at_the_top_run_and_no_others() -> None:
-    assert [name for name in shipped_profiles() if load_profile(name).role() == "runs"] == RUNNABLE
+    assert [name for name in shipped_profiles() if shipped(name).profile.role() == "runs"] == RUNNABLE
 
 
 @pytest.mark.parametrize("name", shipped_profiles())
 def test_the_resolved_profile_loads_to_an_equal_one(name: str, write: Write) -> None:
-    profile = load_profile(name)
+    profile = shipped(name).profile
     text = resolved_yaml(profile)
     assert "extends" not in text
     assert load_profile(str(write(text, "resolved/profile.yaml"))) == profile

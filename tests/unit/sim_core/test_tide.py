@@ -216,6 +216,7 @@ def test_a_vessel_keeps_its_draft_while_the_water_falls_under_it() -> None:
     assert elevation_m(simulation, state)[0] == pytest.approx(0.5 * math.cos(math.radians(36.0)))
 
 
+@pytest.mark.slow
 def test_a_falling_tide_sets_a_vessel_on_the_bed() -> None:
     """It floats 20 cm above the bed at high water, and the tide falls by up to 1 m."""
     water = environment(QUICK)

@@ -193,6 +193,7 @@ def parent() -> str:
     return Path("/proc/self/stat").read_text().split()[0]
 
 
+@pytest.mark.slow
 def test_the_doctor_of_a_board_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--latency", "--rate", "100", "--duration", str(QUICK_S)]
     code = doctor.main([*words, "--json"], "xitl-agent.pyz doctor")

@@ -23,6 +23,7 @@ from xitl_cli.profile import load_profile
 FREE = ("added_mass.sway_kg", "added_mass.yaw_kgm2", "damping_linear.surge", "damping_linear.yaw")
 
 
+@pytest.mark.slow
 def test_it_returns_the_values_that_the_boat_was_made_with() -> None:
     true = boat()
     keys = free_keys(true, FREE, ())
@@ -76,10 +77,11 @@ def test_standard_errors_cover_the_truth() -> None:
     assert inside >= 0.8 * count, (inside, count)
 
 
+@pytest.mark.slow
 def test_a_boat_that_never_turns_leaves_the_yaw_undetermined() -> None:
     run = pool_run(boat(), 70.0)
     straight = np.repeat(run.commands.mean(axis=1, keepdims=True), 2, axis=1)
-    ahead = replace(pool_run(boat(), 70.0), commands=straight)
+    ahead = replace(run, commands=straight)
     still = {name: Samples(own.time_s, np.zeros_like(own.values)) for name, own in ahead.channels.items()}
     still["north"] = ahead.channels["north"]
     result = fit(boat(), free_keys(boat(), FREE, ()), cut([replace(ahead, channels=still)], 10.0), Water(), wind=False)
@@ -179,6 +181,7 @@ def test_runs_are_split_whole() -> None:
         split(runs, ("pool-1", "pool-2", "pool-3"))
 
 
+@pytest.mark.slow
 def test_too_few_windows_and_a_model_that_cannot_follow() -> None:
     settings = Settings(free=("damping_linear.surge",), wind=False)
     with pytest.raises(UserError, match=r"have 2 windows of 10 s to fit; record 60 s"):

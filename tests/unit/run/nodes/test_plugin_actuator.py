@@ -39,15 +39,16 @@ def run(*overrides: str, path: str = "boat.yaml") -> session.Result:
     return session.run(load_profile(path, list(overrides)), Path("run"), True, NoDisplay, timed=True)
 
 
+@pytest.mark.slow
 def test_the_sail_of_the_guide_moves_the_vessel_and_is_recorded(install: Install, boat: Path) -> None:
     install("xitl-sail", SAIL, actuators=ENTRY)
     wind = ("environment.wind.mean_mps=8", "environment.wind.direction_deg=180", "mission.start.heading_deg=0")
-    with run("clock.duration_s=20", *wind).open_log() as log:
+    with run("clock.duration_s=6", *wind).open_log() as log:
         state = log.tables["/truth/state"]
         without_n = state.values("position_ned_m")[-1][0]
         assert log.tables["/actuators"].values("command")[-1].tolist() == [0.0, 0.0, 1.0]
     boat.write_text(PROFILE.replace("[0, 0, 1]", "[0, 0, 0]"), encoding="utf-8")
-    with run("clock.duration_s=20", *wind).open_log() as log:
+    with run("clock.duration_s=6", *wind).open_log() as log:
         edge_on_n = log.tables["/truth/state"].values("position_ned_m")[-1][0]
     assert without_n > edge_on_n + 1.0, "the wind from astern pushes a sail across the boat, and not one along it"
 
@@ -178,10 +179,11 @@ def test_a_fault_of_a_propeller_acts_beside_a_sail(install: Install, boat: Path)
     assert speeds.tolist() == pytest.approx([-0.5, 0.5, 1.0], abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_embedded_autopilot_leaves_an_added_actuator_at_zero(install: Install, boat: Path) -> None:
     install("xitl-sail", SAIL, actuators=ENTRY)
     boat.write_text("extends: sitl\nvehicle: {actuators: {sail: {area_m2: 2}}}\n", encoding="utf-8")
-    with run("clock.duration_s=40").open_log() as log:
+    with run("clock.duration_s=14").open_log() as log:  # the propellers begin at 11 s
         commands = log.tables["/actuators"].values("command")
     assert np.abs(commands[:, 2]).max() == 0.0
     assert np.abs(commands[:, :2]).max() > 0.0

@@ -58,6 +58,7 @@ def run(*overrides: str) -> session.Result:
     return session.run(load_profile("boat.yaml", list(overrides)), Path("run"), True, NoDisplay, timed=True)
 
 
+@pytest.mark.slow
 def test_a_driver_of_a_package_steers_the_vessel_and_reads_its_keys(install: Install, boat: Path) -> None:
     install("xitl-sprint", SPRINT.replace("FAILURE", "pass"), drivers="sprint = xitl_sprint:KIND")
     result = run("clock.duration_s=25.0", "plugins.sprint.distance_m=30.0")
@@ -97,6 +98,7 @@ def test_a_driver_without_keys_takes_no_group(install: Install, boat: Path) -> N
         load_profile("boat.yaml", ["plugins.sprint.distance_m=30.0"])
 
 
+@pytest.mark.slow
 def test_the_driver_of_the_guide_goes_north(install: Install, boat: Path) -> None:
     guide = (Path(__file__).parents[4] / "docs/plugins.md").read_text(encoding="utf-8")
     (code,) = (block for block in re.findall(r"```python\n(.*?)```", guide, re.DOTALL) if "VehicleDriver" in block)
