@@ -147,8 +147,7 @@ class JsonLine:
     def wait(self, behind: int, until_s: float) -> bool:
         """Receive until at most `behind` answers are not accepted. Return False at `until_s` of time.monotonic()."""
         while self.asked is None or self.behind > behind:
-            self.hear(behind)
-            if self.asked is not None and self.behind <= behind:
+            if self.hear(behind):
                 break
             left_s = until_s - monotonic()
             if left_s <= 0.0:
@@ -156,17 +155,17 @@ class JsonLine:
             wait_readable((self._socket.fileno(),), left_s)
         return True
 
-    def hear(self, behind: int = 0) -> None:
-        """Handle the packets that have arrived, without waiting. Stop when at most `behind` answers are not accepted.
+    def hear(self, behind: int = 0) -> bool:
+        """Handle the packets that have arrived, until at most `behind` answers are not accepted. Never waits.
 
-        The newest packet is then the one that an exchange waits for, however far the autopilot is.
+        Return whether this is so. The newest packet is then the same, however far the autopilot is by now.
         """
         receive, length = self._socket.recvfrom, len(self._newest)
         for _ in range(BATCH):
             try:
                 packet, sender = receive(256)
             except OSError:  # nothing to read, or an error about an undelivered answer
-                return
+                return False
             if packet[:8] == self._expected and len(packet) == length and sender == self._peer:
                 # The usual packet: it requests the frame after the last one, and its head is as expected.
                 assert self.asked is not None
@@ -175,7 +174,8 @@ class JsonLine:
                 self._on_packet(packet, sender)
                 length = len(self._newest)
             if self.asked is not None and self.served - self.asked <= behind:
-                return
+                return True
+        return False
 
     def _accept(self, packet: bytes, frame: int) -> None:
         self.asked = frame

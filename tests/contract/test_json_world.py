@@ -237,6 +237,7 @@ def test_a_dead_autopilot_holds_the_world_and_is_spoken_of_once(world: JsonWorld
     host.now_us += TICK_US
     host.tell(host.now_us)
     assert not any(world.advance(host.now_us * 1000) for _ in range(5))
+    assert world.counts.solution_out == 12 * host.now_us // TICK_US  # sent once, before the wait for the last ones
     (text,) = host.said
     assert re.match(r"the autopilot at udp://127\.0\.0\.1:\d+ has not accepted the world since", text)
     assert not world.counts.taken
