@@ -267,8 +267,8 @@ class JsonWorld(Injector):
     def _exchange(self, until_s: float) -> bool:
         """Send all frames up to now. Then store the pulses that answer the frames of the exchange before.
 
-        Sending comes first, so that the autopilot does not wait for the host between two exchanges. Return False when
-        the frames of the exchange before are not accepted in time.
+        Sending comes first, so that the autopilot has work during the wait. Return False when the frames of the
+        exchange before are not accepted in time.
         """
         line, path = self._line, self._path
         if line.asked is None and not line.wait(0, until_s):
