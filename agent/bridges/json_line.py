@@ -1,4 +1,4 @@
-"""Socket of ArduPilot's JSON simulator interface: servo packets in, frames out, and the list of unanswered frames.
+"""Socket of ArduPilot's JSON simulator interface: servo packets in, frames out, and the count of unanswered frames.
 
 A servo packet is little-endian: magic u16, frame rate u16 (Hz), frame count u32, then the pulse widths u16 (us). There
 are 16 pulse widths after magic 18458 and 32 after magic 29569. The answer is a line of JSON between newlines. ArduPilot
@@ -11,7 +11,6 @@ from __future__ import annotations
 import socket
 import struct
 import sys
-from collections import deque
 from collections.abc import Sequence
 from time import monotonic
 from typing import Callable, NamedTuple
@@ -131,7 +130,7 @@ class JsonLine:
         self._peer: Address | None = None
         self._newest = self._expected = b""
         self._unread = False
-        self._answers: deque[bytes] = deque()
+        self._newest_answer = b""
         self._sent_s = 0.0
         self._at_once = sys.platform == "linux"
 
@@ -147,39 +146,41 @@ class JsonLine:
 
     def wait(self, behind: int, until_s: float) -> bool:
         """Receive until at most `behind` answers are not accepted. Return False at `until_s` of time.monotonic()."""
-        while True:
-            self.hear()
-            if self.asked is not None and self.behind <= behind:
-                return True
+        while self.asked is None or self.behind > behind:
+            if self.hear(behind):
+                break
             left_s = until_s - monotonic()
             if left_s <= 0.0:
                 return False
             wait_readable((self._socket.fileno(),), left_s)
+        return True
 
-    def hear(self) -> None:
-        """Handle all packets that have arrived, without waiting."""
+    def hear(self, behind: int = 0) -> bool:
+        """Handle the packets that have arrived, until at most `behind` answers are not accepted. Never waits.
+
+        Return whether this is so. The newest packet is then the same, however far the autopilot is by now.
+        """
         receive, length = self._socket.recvfrom, len(self._newest)
         for _ in range(BATCH):
             try:
                 packet, sender = receive(256)
             except OSError:  # nothing to read, or an error about an undelivered answer
-                return
+                return False
             if packet[:8] == self._expected and len(packet) == length and sender == self._peer:
                 # The usual packet: it requests the frame after the last one, and its head is as expected.
                 assert self.asked is not None
-                if self._answers:
-                    self._answers.popleft()
-                else:
-                    self.served += 1
                 self._accept(packet, self.asked + 1)
             else:
                 self._on_packet(packet, sender)
                 length = len(self._newest)
-            if self.asked == self.served:
-                return
+            if self.asked is not None and self.served - self.asked <= behind:
+                return True
+        return False
 
     def _accept(self, packet: bytes, frame: int) -> None:
         self.asked = frame
+        if frame > self.served:  # another program also answered
+            self.served = frame
         self._expected = packet[:4] + (frame + 1 & 0xFFFFFFFF).to_bytes(4, "little")
         self.counts.world_in += 1
         self._newest = packet
@@ -191,35 +192,30 @@ class JsonLine:
             self.counts.junk += len(packet)
             return
         rate_hz, frame = head
-        asked, answers = self.asked, self._answers
+        asked = self.asked
         if sender != self._peer or asked is None or (frame == 0 and asked):
             is_first = self._peer is None
             self._peer = sender
             self.asked = self.served = frame
-            answers.clear()
             if not is_first:
                 self._on_start(self.peer, frame == 0)
         elif frame == asked:
-            # Without an answer yet, the autopilot only waits for the host. Otherwise it missed one: repeat them.
-            if answers and monotonic() - self._sent_s > ASKED_AGAIN_S:
+            # Without an answer yet, the autopilot only waits for the host. Otherwise it missed some. It does not say
+            # which, so it gets the newest instead, which never sets its clock back.
+            if self.behind and monotonic() - self._sent_s > ASKED_AGAIN_S:
                 self.counts.world_resent += 1
-                self._send(list(answers))
+                self._send([self._newest_answer] * self.behind)
             return
         elif frame < asked:  # the packet was overtaken on its way
             return
         else:
-            accepted = frame - asked
-            self.counts.world_lost += accepted - 1
-            # There can be more than we sent, when another program also answered.
-            self.served += max(accepted - len(answers), 0)
-            for _ in range(min(accepted, len(answers))):
-                answers.popleft()
+            self.counts.world_lost += frame - asked - 1
         self.rate_hz = self.counts.world_rate = rate_hz
         self._accept(packet, frame)
 
     def answer(self, answers: list[bytes]) -> None:
         """Send answers for the next frames, one datagram each."""
-        self._answers += answers
+        self._newest_answer = answers[-1]
         self.served += len(answers)
         self._send(answers)
 

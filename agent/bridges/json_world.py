@@ -1,8 +1,8 @@
 """ArduPilot's JSON simulator interface in lockstep: the true motion and our inertial samples, at the rate it requests.
 
-At a tick, the autopilot has usually accepted all frames of the last tick. Its newest pulses are stored. Then all frames
-up to the tick are sent at once, and the autopilot processes them while the host computes the next step. So its outputs
-are one exchange old.
+At a tick, all frames up to the tick are sent at once. The autopilot processes them while the host computes the next
+step. The tick ends when the autopilot has accepted all frames of the last tick, with its pulses of that instant. So its
+outputs are one exchange old.
 """
 
 from __future__ import annotations
@@ -199,6 +199,7 @@ class JsonWorld(Injector):
         self._wind: tuple[float, float] | None = None
         self._extras = ""
         self._now_us = start_ns // 1000
+        self._sent = 0  # frames of the present exchange
         self._silent_since_s: float | None = None
         self._reported_silence = False
         self._runs_on = False
@@ -241,7 +242,9 @@ class JsonWorld(Injector):
             self._line.hear()
 
     def advance(self, now_ns: int) -> bool:
-        self._now_us = now_ns // 1000
+        now_us = now_ns // 1000
+        if now_us != self._now_us:
+            self._now_us, self._sent = now_us, 0
         began_s = monotonic()
         followed = self._exchange(began_s + WAIT_S)
         self._advanced_s = monotonic()
@@ -262,25 +265,32 @@ class JsonWorld(Injector):
         return followed
 
     def _exchange(self, until_s: float) -> bool:
-        """Store the newest pulses and send all frames up to now. Return False when they are not accepted in time."""
-        line = self._line
-        if not line.wait(0, until_s):
+        """Send all frames up to now. Then store the pulses that answer the frames of the exchange before.
+
+        Sending comes first, so that the autopilot has work during the wait. Return False when the frames of the
+        exchange before are not accepted in time.
+        """
+        line, path = self._line, self._path
+        if line.asked is None and not line.wait(0, until_s):
+            return False
+        while path is not None:
+            self._times.set_rate(line.rate_hz)
+            room = WINDOW - line.behind
+            times = self._times.next_frames(self._now_us, room)
+            if times:
+                line.answer(self._answers(path, times))
+                self._sent += len(times)
+            if len(times) < room:
+                break
+            if not line.wait(WINDOW // 2, until_s):
+                return False
+        if not line.wait(self._sent, until_s):
             return False
         pulses_us = line.new_pulses()
         if pulses_us is not None:
             self._pulses_us = pulses_us
             self.counts.outputs_in += 1
-        if self._path is None:
-            return True
-        while True:
-            self._times.set_rate(line.rate_hz)
-            times = self._times.next_frames(self._now_us, WINDOW - line.behind)
-            if times:
-                line.answer(self._answers(self._path, times))
-            if len(times) < WINDOW // 2:
-                return True
-            if not line.wait(WINDOW // 2, until_s):
-                return False
+        return True
 
     def run_on(self, now_ns: int) -> bool:
         """Continue the motion at constant velocity, with matching inertial samples."""
