@@ -65,6 +65,15 @@ def test_a_gap_in_which_the_boat_turns_is_no_drift(gap_s: float) -> None:
     assert gnss_drifts(replace(turned, **{name: getattr(turned, name)[kept] for name in arrays})) == []
 
 
+def test_a_repeated_position_is_no_drift() -> None:
+    """A receiver that no longer measures repeats its last position and velocity."""
+    whole = receiver(0.0)
+    rows = np.arange(600)
+    rows[200:300] = 200
+    held = {name: getattr(whole, name)[rows] for name in ("lat_deg", "lon_deg", "vel_ned_mps")}
+    assert gnss_drifts(replace(whole, **held)) == []
+
+
 def test_a_drift_that_the_velocity_shares_cannot_be_seen() -> None:
     assert gnss_drifts(receiver(0.3, shared=True)) == []
 

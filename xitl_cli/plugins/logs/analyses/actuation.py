@@ -16,7 +16,7 @@ from xitl_cli.logs.model.sections import Evidence, Finding, Section
 from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.receivers import GnssReceiver, gnss_receivers, injected_receivers
 from xitl_cli.logs.signals.series import numbers
-from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.signals.spans import find_holds, runs
 from xitl_cli.plugins.logs.analyses.actuator_faults import actuator_findings
 from xitl_cli.plugins.logs.analyses.power import batteries
 
@@ -74,8 +74,9 @@ def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
 def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
     """Times in which the position moves at another velocity than the receiver reports, by the slope of the difference.
 
-    Each stretch without a gap is judged alone, because the velocity does not determine the path across a gap. A drift
-    that the velocity shares cannot be detected. Size: m/s.
+    Each stretch without a gap is judged alone, because the velocity does not determine the path across a gap. A
+    repeated position is a gap too: the receiver did not measure then. A drift that the velocity shares cannot be
+    detected. Size: m/s.
     """
     vel_ne_mps = receiver.vel_ned_mps[:, :2]
     known = np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(vel_ne_mps).all(axis=1)
@@ -83,6 +84,12 @@ def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
     steps_s = np.diff(receiver.sample_ns[rows]) * 1e-9
     if len(rows) < LEAST_FIXES or (steps_s <= 0).any():
         return []
+    place = np.stack([receiver.lat_deg[rows], receiver.lon_deg[rows]], axis=1)
+    measured = np.ones(len(rows), dtype=np.bool_)
+    for hold in find_holds(place, float(np.median(steps_s)), shortest_s=MOST_GAP_S).holds:
+        measured[hold.first + 1 : hold.last + 1] = False
+    rows = rows[measured]
+    steps_s = np.diff(receiver.sample_ns[rows]) * 1e-9
     stretches = np.split(rows, np.flatnonzero(steps_s > MOST_GAP_S) + 1)
     return [drift for stretch in stretches if len(stretch) >= LEAST_FIXES for drift in _drifts(receiver, stretch)]
 
