@@ -125,7 +125,7 @@ def confusion_table(outcomes: Sequence[Outcome], group_of: Mapping[str, str]) ->
     causes of several groups.
     """
     groups = _by_group(outcomes)
-    columns = [*(group for group in groups if group != NONE), OTHER, NONE]
+    columns = [*dict.fromkeys([*(group for group in groups if group != NONE), *group_of.values()]), OTHER, NONE]
     cells = []
     for group, of in groups.items():
         counts = dict.fromkeys(columns, 0)

@@ -74,6 +74,12 @@ def test_a_repeated_position_is_no_drift() -> None:
     assert gnss_drifts(replace(whole, **held)) == []
 
 
+def test_a_position_that_jumps_and_jumps_back_does_not_drift() -> None:
+    whole = receiver(0.0)
+    off_deg = np.where((whole.stamp_ns > 50 * S) & (whole.stamp_ns < 70 * S), math.degrees(10.0 / 6.371e6), 0.0)
+    assert gnss_drifts(replace(whole, lat_deg=whole.lat_deg + off_deg)) == []
+
+
 def test_a_drift_that_the_velocity_shares_cannot_be_seen() -> None:
     assert gnss_drifts(receiver(0.3, shared=True)) == []
 

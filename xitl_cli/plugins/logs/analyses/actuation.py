@@ -29,6 +29,8 @@ LEAST_FIXES = 20
 MOST_GAP_S = 1.0
 """Largest gap between two fixes of one stretch: the mean velocity determines the path of a boat that turns in this
 time."""
+JUMP_M = 3.0
+"""Least step between two fixes, beyond the velocity, that is a jump."""
 BATTERY_WINDOW_S = 8.0
 
 
@@ -74,42 +76,53 @@ def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
 def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
     """Times in which the position moves at another velocity than the receiver reports, by the slope of the difference.
 
-    Each stretch without a gap is judged alone, because the velocity does not determine the path across a gap. A
-    repeated position is a gap too: the receiver did not measure then. A drift that the velocity shares cannot be
-    detected. Size: m/s.
+    Each stretch without a gap and without a jump is judged alone, because the velocity does not determine the path
+    across a gap, and a position that jumps does not drift. A repeated position is a gap too: the receiver did not
+    measure then. A drift that the velocity shares cannot be detected. Size: m/s.
     """
-    vel_ne_mps = receiver.vel_ned_mps[:, :2]
-    known = np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(vel_ne_mps).all(axis=1)
-    rows = np.flatnonzero((receiver.fix >= 3) & known)
-    steps_s = np.diff(receiver.sample_ns[rows]) * 1e-9
+    rows = _measured_rows(receiver)
+    time_s = (receiver.sample_ns[rows] - receiver.sample_ns[rows[:1]]) * 1e-9
+    steps_s = np.diff(time_s)
     if len(rows) < LEAST_FIXES or (steps_s <= 0).any():
         return []
-    place = np.stack([receiver.lat_deg[rows], receiver.lon_deg[rows]], axis=1)
-    measured = np.ones(len(rows), dtype=np.bool_)
-    for hold in find_holds(place, float(np.median(steps_s)), shortest_s=MOST_GAP_S).holds:
-        measured[hold.first + 1 : hold.last + 1] = False
-    rows = rows[measured]
-    steps_s = np.diff(receiver.sample_ns[rows]) * 1e-9
-    stretches = np.split(rows, np.flatnonzero(steps_s > MOST_GAP_S) + 1)
-    return [drift for stretch in stretches if len(stretch) >= LEAST_FIXES for drift in _drifts(receiver, stretch)]
-
-
-def _drifts(receiver: GnssReceiver, rows: NDArray[np.intp]) -> Iterator[Departure]:
-    """Drifts within rows without a gap."""
-    stamp_ns, vel_ne_mps = receiver.sample_ns[rows], receiver.vel_ned_mps[rows, :2]
-    time_s = (stamp_ns - stamp_ns[0]) * 1e-9
     lat_deg, lon_deg = receiver.lat_deg[rows], receiver.lon_deg[rows]
     frame = LocalFrame(float(lat_deg[0]), float(lon_deg[0]), 0.0)
-    place_m = frame.ned(lat_deg, lon_deg, np.zeros(len(lat_deg)))[:, :2]
-    steps_m = 0.5 * (vel_ne_mps[1:] + vel_ne_mps[:-1]) * np.diff(time_s)[:, None]
-    apart_m = place_m - np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
+    place_m = frame.ned(lat_deg, lon_deg, np.zeros(len(rows)))[:, :2]
+    vel_ne_mps = receiver.vel_ned_mps[rows, :2]
+    strayed_m = np.diff(place_m, axis=0) - 0.5 * (vel_ne_mps[1:] + vel_ne_mps[:-1]) * steps_s[:, None]
+    apart_m = np.concatenate([np.zeros((1, 2)), np.cumsum(strayed_m, axis=0)])
+    broken = np.flatnonzero((steps_s > MOST_GAP_S) | (np.linalg.norm(strayed_m, axis=1) > JUMP_M))
+    return [
+        drift
+        for stretch in np.split(np.arange(len(rows)), broken + 1)
+        if len(stretch) >= LEAST_FIXES
+        for drift in _drifts(receiver.stamp_ns[rows[stretch]], time_s[stretch], apart_m[stretch])
+    ]
+
+
+def _measured_rows(receiver: GnssReceiver) -> NDArray[np.intp]:
+    """Rows with a fix, a position and a velocity, of each repeated position only the first."""
+    known = np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(receiver.vel_ned_mps[:, :2]).all(axis=1)
+    rows = np.flatnonzero((receiver.fix >= 3) & known)
+    if len(rows) < 2:
+        return rows
+    period_s = float(np.median(np.diff(receiver.sample_ns[rows]))) * 1e-9
+    measured = np.ones(len(rows), dtype=np.bool_)
+    place_deg = np.stack([receiver.lat_deg[rows], receiver.lon_deg[rows]], axis=1)
+    for hold in find_holds(place_deg, max(period_s, 1e-3), shortest_s=MOST_GAP_S).holds:
+        measured[hold.first + 1 : hold.last + 1] = False
+    return rows[measured]
+
+
+def _drifts(stamp_ns: Stamps, time_s: Floats, apart_m: Floats) -> Iterator[Departure]:
+    """Drifts within rows without a gap. apart_m: (N, 2) way of the positions beyond that of the velocities."""
     ends = np.searchsorted(time_s, time_s + WINDOW_S)
     whole = ends < len(time_s)
     firsts, ends = np.flatnonzero(whole), ends[whole]
     slope = _slopes(time_s, apart_m, firsts, ends)
     for begin, after in _joined(runs(np.linalg.norm(slope, axis=1) > DRIFT_MPS), 25):
         first, last = int(firsts[begin]), int(ends[after - 1])
-        if (departure := _fitted_drift(receiver.stamp_ns[rows], time_s, apart_m, first, last)) is not None:
+        if (departure := _fitted_drift(stamp_ns, time_s, apart_m, first, last)) is not None:
             yield departure
 
 
@@ -153,9 +166,6 @@ def _joined(spans: object, most_rows: int) -> list[tuple[int, int]]:
 def _fitted_drift(stamp_ns: Stamps, time_s: Floats, apart_m: Floats, first: int, last: int) -> Departure | None:
     """Best fit of a broken line (level, slope) from a window before to the end; None if the slope is too small."""
     before = int(np.searchsorted(time_s, time_s[first] - WINDOW_S))
-    jumps = np.linalg.norm(np.diff(apart_m[first:last], axis=0), axis=1)
-    if len(jumps) and jumps.max() > 3.0:  # a position that jumps back ends the drift
-        last = first + int(np.argmax(jumps)) + 1
     if last - first < 10:
         return None
     best, best_at = np.inf, first
