@@ -31,6 +31,7 @@ MOST_GAP_S = 1.0
 time."""
 JUMP_M = 3.0
 """Least step between two fixes, beyond the velocity, that is a jump."""
+_LEAST_JUMP_MPS, _JUMP_SHARE, _JUMP_REACH_NS = 0.5, 0.6, 1_500_000_000
 BATTERY_WINDOW_S = 8.0
 
 
@@ -56,6 +57,9 @@ def analyse(log: Log) -> Section | None:
 def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
     for receiver in gnss_receivers(log) or injected_receivers(log):
         for drift in gnss_drifts(receiver):
+            if velocity_jumped(receiver, drift):
+                yield _of_velocity(receiver, drift, clock)
+                continue
             yield Finding.warning(
                 "actuation.gnss_drift",
                 f"From {clock.text(drift.from_ns)} to {clock.text(drift.until_ns)} the position of {receiver.name} "
@@ -71,6 +75,21 @@ def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
                 ),
                 "Do not trust the position in this time: look for reflected signals, interference or spoofing.",
             )
+
+
+def _of_velocity(receiver: GnssReceiver, drift: Departure, clock: LogClock) -> Finding:
+    return Finding.warning(
+        "gnss.velocity_off",
+        f"From {clock.text(drift.from_ns)} to {clock.text(drift.until_ns)} the velocity of {receiver.name} is off by "
+        f"{drift.size:.2f} m/s towards {(drift.bearing_deg + 180.0) % 360.0:.0f} degrees: it changed at once, and the "
+        "position did not follow",
+        (
+            Evidence(
+                receiver.message, receiver.fields.get("speed"), drift.from_ns, drift.until_ns, f"{drift.size:.2f} m/s"
+            ),
+        ),
+        "Do not trust the velocity in this time; check the receiver's dynamic model and its driver.",
+    )
 
 
 def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
@@ -164,23 +183,43 @@ def _joined(spans: object, most_rows: int) -> list[tuple[int, int]]:
 
 
 def _fitted_drift(stamp_ns: Stamps, time_s: Floats, apart_m: Floats, first: int, last: int) -> Departure | None:
-    """Best fit of a broken line (level, slope) from a window before to the end; None if the slope is too small."""
+    """Best fit of a level and a slope, then of a slope and a level; None if the slope is too small."""
     before = int(np.searchsorted(time_s, time_s[first] - WINDOW_S))
     if last - first < 10:
         return None
-    best, best_at = np.inf, first
-    for at in range(before, last - 10):
-        design = np.stack([np.ones(last - before), np.maximum(time_s[before:last] - time_s[at], 0.0)], axis=1)
-        _, left, *_ = np.linalg.lstsq(design, apart_m[before:last], rcond=None)
-        if len(left) and left.sum() < best:
-            best, best_at = float(left.sum()), at
-    end = last - 1
-    slope = _slope(time_s[best_at:last], apart_m[best_at:last])
+
+    def rest(first: int, begin: int, end: int, last: int) -> float:
+        """Squared residuals of rows with a drift between two of them."""
+        ramp_s = np.clip(time_s[first:last], time_s[begin], time_s[end]) - time_s[begin]
+        design = np.stack([np.ones(last - first), ramp_s], axis=1)
+        left = apart_m[first:last] - design @ np.linalg.lstsq(design, apart_m[first:last], rcond=None)[0]
+        return float(np.sum(left**2))
+
+    begin, end = before, last - 1
+    for _ in range(3):  # each end for the other one
+        begin = min(range(before, max(end - 10, before + 1)), key=lambda row: rest(before, row, end, end + 1))
+        end = min(range(min(begin + 10, last - 1), last), key=lambda row: rest(begin, begin, row, last))
+    slope = _slope(time_s[begin : end + 1], apart_m[begin : end + 1])
     size = float(np.hypot(*slope))
-    if size < DRIFT_MPS or time_s[end] - time_s[best_at] < 0.5 * WINDOW_S:
+    if size < DRIFT_MPS or time_s[end] - time_s[begin] < 0.5 * WINDOW_S:
         return None
     bearing_deg = float(np.degrees(np.arctan2(slope[1], slope[0])) % 360.0)
-    return Departure(int(stamp_ns[best_at]), int(stamp_ns[end]), size, bearing_deg)
+    return Departure(int(stamp_ns[begin]), int(stamp_ns[end]), size, bearing_deg)
+
+
+def velocity_jumped(receiver: GnssReceiver, drift: Departure) -> bool:
+    """Whether the velocity changed at once by the opposite of the drift, which no vessel does: the velocity is wrong.
+
+    A turn changes the velocity from fix to fix about evenly, so each change is compared with those next to it.
+    """
+    if drift.size < _LEAST_JUMP_MPS:
+        return False
+    near = np.abs(receiver.stamp_ns - drift.from_ns) < _JUMP_REACH_NS
+    changes = np.diff(receiver.vel_ned_mps[near, :2], axis=0)
+    bearing = np.radians(drift.bearing_deg)
+    against = -changes @ np.array([np.cos(bearing), np.sin(bearing)])
+    sudden = against[1:-1] - 0.5 * (against[:-2] + against[2:])
+    return bool(len(sudden) and np.nanmax(sudden) > _JUMP_SHARE * drift.size)
 
 
 def _battery_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
