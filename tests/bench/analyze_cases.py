@@ -44,15 +44,16 @@ def read_table() -> dict[str, Any]:
 
 
 def cases(seed: int) -> Iterator[Case]:
-    """All cases of a seed: those with a fault, then the clean ones."""
+    """All cases of a seed: those with a fault, then each vessel without a fault, in another environment for each seed."""
     table = read_table()
     for name, row in table["cases"].items():
         yield _faulty(name, row, table, seed)
-    for vehicle in table["clean"]["vehicles"]:
-        for environment in table["clean"]["environments"]:
-            profile = [*_SITE, f"vehicles/{vehicle}", f"environments/{environment}"]
-            document = _document(profile, table["set"], table["duration_s"], seed)
-            yield Case(f"{vehicle}/{environment}", NONE, seed, document, None, (), ())
+    environments = table["clean"]["environments"]
+    for number, vehicle in enumerate(table["clean"]["vehicles"]):
+        environment = environments[(number + seed) % len(environments)]
+        profile = [*_SITE, f"vehicles/{vehicle}", f"environments/{environment}"]
+        document = _document(profile, table["set"], table["duration_s"], seed)
+        yield Case(f"{vehicle}/{environment}", NONE, seed, document, None, (), ())
 
 
 def group_of_findings() -> dict[str, str]:
