@@ -12,17 +12,20 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 import sys
 import tempfile
+import time
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import yaml
+from numpy.random import default_rng
 
 from tests.bench.analyze_cases import Case, cases, group_of_findings
 from tests.bench.analyze_scores import Named, Outcome, confusion_table, score_table
@@ -112,17 +115,28 @@ def _first_s(finding: Finding, line: TimeLine) -> float | None:
     return min((round(line.second(each.at_ns), 3) for each in finding.evidence if each.at_ns is not None), default=None)
 
 
-def measure(chosen: Sequence[Case], folder: Path, workers: int) -> dict[str, list[Outcome]]:
-    """Outcomes of all cases by the files that were analysed. A case that fails ends the bench."""
-    outcomes: dict[str, list[Outcome]] = {BOTH: [], OWN_LOG: []}
+def measure(chosen: Sequence[Case], folder: Path, workers: int, minutes: float | None) -> dict[str, list[Outcome]]:
+    """Outcomes of the cases by the files that were analysed, in the order of the cases.
+
+    minutes: time after which no further case begins; None: all are measured. The order of the measurements is random,
+    so that the cases of a limited time are a fair sample. A case that fails ends the bench.
+    """
+    until_s = math.inf if minutes is None else time.monotonic() + 60.0 * minutes
+    measured: dict[int, dict[str, Outcome]] = {}
+    waiting = default_rng(len(chosen)).permutation(len(chosen)).tolist()
     pool = ProcessPoolExecutor(workers, get_context("forkserver"), max_tasks_per_child=RUNS_OF_A_WORKER)
     with pool:
-        done = [pool.submit(carry_out, case, folder) for case in chosen]
-        for number, (case, future) in enumerate(zip(chosen, done, strict=True), start=1):
-            for files, of in future.result().items():
-                outcomes[files].append(of)
-            print(f"{number} of {len(chosen)}: {case.run_name}: {_line(outcomes[BOTH][-1])}", file=sys.stderr, flush=True)
-    return outcomes
+        running: dict[Future[dict[str, Outcome]], int] = {}
+        while running or (waiting and time.monotonic() < until_s):
+            while waiting and len(running) < workers and time.monotonic() < until_s:
+                number = waiting.pop()
+                running[pool.submit(carry_out, chosen[number], folder)] = number
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                number = running.pop(future)
+                measured[number] = future.result()
+                line = f"{len(measured)} of {len(chosen)}: {chosen[number].run_name}: {_line(measured[number][BOTH])}"
+                print(line, file=sys.stderr, flush=True)
+    return {files: [measured[number][files] for number in sorted(measured)] for files in (BOTH, OWN_LOG)}
 
 
 def _line(of: Outcome) -> str:
@@ -178,6 +192,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser.add_argument("--only", action="append", default=[], metavar="WORD", help="cases with WORD in name or group")
     parser.add_argument("--runs", type=Path, metavar="FOLDER", help="keep the runs here (default: a temporary folder)")
     parser.add_argument("--workers", type=int, default=1, metavar="N")
+    parser.add_argument("--minutes", type=float, metavar="N", help="begin no case later: a random part of the cases")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "bench" / "analyze.json", metavar="FILE")
     parser.add_argument("--keep", type=Path, metavar="FILE", help="keep these results, and write the tables of docs/")
     given = parser.parse_args(None if arguments is None else list(arguments))
@@ -199,7 +214,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.runs or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        results = AnalyzeResults(run, tuple(given.seeds), measure(chosen, folder, given.workers))
+        results = AnalyzeResults(run, tuple(given.seeds), measure(chosen, folder, given.workers, given.minutes))
     results.write(given.out)
     print(tables(results))
     print(f"results: {given.out}")
