@@ -158,6 +158,10 @@ CAUSES = (
 
 _TOGETHER_S = 1.0
 """Events logged within a second of each other began together. Then the earlier kind in `_FIRST` is the cause."""
+_SLOW = ("control", "radio")
+_SLOW_TOGETHER_S = 3.0
+"""The same for findings that must last for many seconds: an ordinary turn or wave may begin the spell that a fault then
+keeps."""
 _FIRST = (
     "faults", "power", "vehicle", "time_bases", "links", "attitude.contact", "attitude.impact", "vibration",
     "sensors", "actuation", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "px4",
@@ -200,6 +204,11 @@ class _Placed:
     @property
     def begin_s(self) -> float:
         return self.spans[0][0] if self.spans else math.inf
+
+    @property
+    def together_s(self) -> float:
+        """Time by which a cause may begin later than this consequence."""
+        return _SLOW_TOGETHER_S if is_kind(self.found.finding.key, _SLOW) else _TOGETHER_S
 
     @property
     def intended(self) -> bool:
@@ -301,7 +310,7 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
         return None
     explained = [
         next(
-            (span for span in cause.spans if span[0] - _TOGETHER_S <= at <= cause.explains_until_s(span, reach_s)),
+            (span for span in cause.spans if span[0] - effect.together_s <= at <= cause.explains_until_s(span, reach_s)),
             None,
         )
         for at, _ in effect.spans
@@ -312,7 +321,7 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
     # The cause begins first. If both begin together, the order of `_FIRST` decides.
     begin_s = known[0][0]
     apart_s = effect.begin_s - begin_s
-    if abs(apart_s) <= _TOGETHER_S:
+    if abs(apart_s) <= effect.together_s:
         first = (cause.rank, begin_s, cause.place) < (effect.rank, effect.begin_s, effect.place)
     else:
         first = apart_s > 0.0
@@ -336,7 +345,7 @@ def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -
     """
     seen = [place]
     while (cause := causes[seen[-1]]) is not None:
-        if placed[cause].spans and placed[cause].begin_s > placed[place].begin_s + _TOGETHER_S:
+        if placed[cause].spans and placed[cause].begin_s > placed[place].begin_s + placed[place].together_s:
             break
         if cause in seen:
             return min(seen[seen.index(cause) :])
