@@ -2,7 +2,7 @@
 
     python -m tests.bench.analyze --seeds 101-103            # writes build/bench/analyze.json
     python -m tests.bench.analyze --seeds 1 --only compass --runs build/analyze
-    python -m tests.bench.analyze --keep build/bench/analyze.json    # keeps the results, and writes the tables of docs/logs.md
+    python -m tests.bench.analyze --keep build/bench/analyze.json    # keeps them, and writes the tables of docs/logs.md
 
 Each run of analyze_cases.yaml is simulated and analysed. The analysis of injected faults is omitted, because a log of a
 real vessel does not name its cause. A run in the folder of `--runs` is not simulated again.
@@ -97,9 +97,7 @@ def judge(case: Case, report: Report) -> Outcome:
     for problem in (*report.refusals, *report.failures):
         raise RuntimeError(f"{case.run_name}: {problem.sentence}")
     named = [_named(case, group) for group in group_findings(report) if group.worst >= Severity.WARNING]
-    contradictions = {
-        placed.finding.key for placed in report.findings if is_contradicted(placed.finding, case.causes)
-    }
+    contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, case.causes)}
     return Outcome(case.name, case.group, case.seed, case.onset_s, tuple(named), tuple(sorted(contradictions)))
 
 
@@ -156,7 +154,7 @@ def tables(results: AnalyzeResults) -> str:
             score_table(both),
             "From the autopilot's log alone:",
             score_table(own),
-            "Number of runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
+            "Runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
             confusion_table(both, group_of_findings()),
         ]
     )

@@ -44,7 +44,10 @@ def read_table() -> dict[str, Any]:
 
 
 def cases(seed: int) -> Iterator[Case]:
-    """All cases of a seed: those with a fault, then each vessel without a fault, in another environment for each seed."""
+    """All cases of a seed: those with a fault, then each vessel without one.
+
+    The environment of a vessel changes from seed to seed.
+    """
     table = read_table()
     for name, row in table["cases"].items():
         yield _faulty(name, row, table, seed)

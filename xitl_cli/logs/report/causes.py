@@ -310,7 +310,11 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
         return None
     explained = [
         next(
-            (span for span in cause.spans if span[0] - effect.together_s <= at <= cause.explains_until_s(span, reach_s)),
+            (
+                span
+                for span in cause.spans
+                if span[0] - effect.together_s <= at <= cause.explains_until_s(span, reach_s)
+            ),
             None,
         )
         for at, _ in effect.spans
