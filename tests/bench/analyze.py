@@ -18,7 +18,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -88,24 +87,24 @@ def carry_out(case: Case, folder: Path) -> dict[str, Outcome]:
         profile.write_text(text, encoding="utf-8")
         xitl.simulate(profile, out=run, overwrite=True)
     blind = [analysis for analysis in log_analyses() if analysis.name != "faults"]
-    read = {BOTH: run, OWN_LOG: run / "autopilot.bin"}
-    return {files: judge(case, build_report([path], blind, overview=False)) for files, path in read.items()}
+    both, own = (build_report([path], blind, overview=False) for path in (run, run / "autopilot.bin"))
+    return {BOTH: judge(case, both, case.causes), OWN_LOG: judge(case, own, case.causes_in_log)}
 
 
-def judge(case: Case, report: Report) -> Outcome:
+def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
     """Outcome of an analysed run. Raises RuntimeError if a log could not be read, or an analysis failed."""
     for problem in (*report.refusals, *report.failures):
         raise RuntimeError(f"{case.run_name}: {problem.sentence}")
-    named = [_named(case, group) for group in group_findings(report) if group.worst >= Severity.WARNING]
-    contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, case.causes)}
+    named = [_named(case, group, causes) for group in group_findings(report) if group.worst >= Severity.WARNING]
+    contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, causes)}
     return Outcome(case.name, case.group, case.seed, case.onset_s, tuple(named), tuple(sorted(contradictions)))
 
 
-def _named(case: Case, group: FindingGroup) -> Named:
+def _named(case: Case, group: FindingGroup, causes: Sequence[str]) -> Named:
     finding = group.cause.finding
     at_s = _first_s(finding, group.cause.file.time_line)
     early = at_s is not None and case.onset_s is not None and at_s < case.onset_s - EARLY_S
-    right = is_kind(finding.key, case.causes) and not early
+    right = is_kind(finding.key, causes) and not early
     return Named(finding.key, at_s, right, not right and not early and is_kind(finding.key, case.effects))
 
 
@@ -120,21 +119,22 @@ def measure(chosen: Sequence[Case], folder: Path, workers: int, minutes: float |
     so that the cases of a limited time are a fair sample. A case that fails ends the bench.
     """
     until_s = math.inf if minutes is None else time.monotonic() + 60.0 * minutes
+    order = default_rng(len(chosen)).permutation(len(chosen)).tolist()
+    tasks = [(number, chosen[number], folder, until_s) for number in order]
     measured: dict[int, dict[str, Outcome]] = {}
-    waiting = default_rng(len(chosen)).permutation(len(chosen)).tolist()
-    pool = ProcessPoolExecutor(workers, get_context("forkserver"), max_tasks_per_child=RUNS_OF_A_WORKER)
-    with pool:
-        running: dict[Future[dict[str, Outcome]], int] = {}
-        while running or (waiting and time.monotonic() < until_s):
-            while waiting and len(running) < workers and time.monotonic() < until_s:
-                number = waiting.pop()
-                running[pool.submit(carry_out, chosen[number], folder)] = number
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                number = running.pop(future)
-                measured[number] = future.result()
-                line = f"{len(measured)} of {len(chosen)}: {chosen[number].run_name}: {_line(measured[number][BOTH])}"
+    with get_context("forkserver").Pool(workers, maxtasksperchild=RUNS_OF_A_WORKER) as pool:
+        for number, outcomes in pool.imap_unordered(_carried_out, tasks):
+            if outcomes is not None:
+                measured[number] = outcomes
+                line = f"{len(measured)} of {len(chosen)}: {chosen[number].run_name}: {_line(outcomes[BOTH])}"
                 print(line, file=sys.stderr, flush=True)
     return {files: [measured[number][files] for number in sorted(measured)] for files in (BOTH, OWN_LOG)}
+
+
+def _carried_out(task: tuple[int, Case, Path, float]) -> tuple[int, dict[str, Outcome] | None]:
+    """Number of a case with its outcomes; None after its time, on the clock that all processes share."""
+    number, case, folder, until_s = task
+    return number, carry_out(case, folder) if time.monotonic() < until_s else None
 
 
 def _line(of: Outcome) -> str:

@@ -31,6 +31,8 @@ class Case:
     onset_s: float | None
     """None for a clean run, and for a cause that holds from the start."""
     causes: tuple[str, ...]
+    causes_in_log: tuple[str, ...]
+    """Those that the autopilot's log alone can show."""
     effects: tuple[str, ...]
 
     @property
@@ -56,7 +58,7 @@ def cases(seed: int) -> Iterator[Case]:
         environment = environments[(number + seed) % len(environments)]
         profile = [*_SITE, f"vehicles/{vehicle}", f"environments/{environment}"]
         document = _document(profile, table["set"], table["duration_s"], seed)
-        yield Case(f"{vehicle}/{environment}", NONE, seed, document, None, (), ())
+        yield Case(f"{vehicle}/{environment}", NONE, seed, document, None, (), (), ())
 
 
 def group_of_findings() -> dict[str, str]:
@@ -79,7 +81,8 @@ def _faulty(name: str, row: Mapping[str, Any], table: Mapping[str, Any], seed: i
             fault["until_s"] = onset_s + row["lasts_s"]
         document["faults"] = {_FAULT: fault}
     causes, effects = tuple(row["causes"]), tuple(row.get("effects", ()))
-    return Case(name, row["group"], seed, document, onset_s if "fault" in row else None, causes, effects)
+    in_log = tuple(row.get("in_log", causes))
+    return Case(name, row["group"], seed, document, onset_s if "fault" in row else None, causes, in_log, effects)
 
 
 def _drawn(value: Any, rng: Generator) -> Any:

@@ -91,8 +91,8 @@ CAUSES = (
     CauseRule(("vehicle.reboots", "events.watchdog"), ("sensors", "links", "time_bases", "scheduler", *_ERRORS), 10.0),
     CauseRule(("time_bases.step", "time_bases.rate_step"), ("sensors", "gnss.silent", "scheduler", "time_bases"), 2.0),
     CauseRule(
-        ("links.silence", "links.sequence_loss"),
-        ("links", "sensors.gap", "sensors.recording_pauses", "gnss.silent"),
+        ("links.silence", "links.sequence_loss", "links.loss"),
+        ("links", "sensors.gap", "sensors.missing", "sensors.recording_pauses", "gnss.silent"),
         3.0,
     ),
     CauseRule(
@@ -210,6 +210,10 @@ class _Placed:
         """Time by which a cause may begin later than this consequence."""
         return _SLOW_TOGETHER_S if is_kind(self.found.finding.key, _SLOW) else _TOGETHER_S
 
+    def rounded_s(self, begin_s: float) -> float:
+        """Beginning of a cause: that of this consequence if both began together."""
+        return self.begin_s if abs(begin_s - self.begin_s) <= self.together_s else begin_s
+
     @property
     def intended(self) -> bool:
         return is_kind(self.found.finding.key, ("faults",))
@@ -280,9 +284,9 @@ def _cause(effect: _Placed, every: Sequence[_Placed]) -> int | None:
         span = _explaining_span(effect, other)
         if span is not None:
             # A lasting finding is a state, such as a field that always changes: an event explains more.
-            candidates.append((other.lasts, span[0], other.rank, place))
+            candidates.append((other.lasts, effect.rounded_s(span[0]), other.rank, place))
         elif _is_repeated(effect, other):
-            candidates.append((False, other.begin_s, other.rank, place))
+            candidates.append((False, effect.rounded_s(other.begin_s), other.rank, place))
     return min(candidates)[-1] if candidates else None
 
 
