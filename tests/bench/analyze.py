@@ -95,7 +95,12 @@ def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
     """Outcome of an analysed run. Raises RuntimeError if a log could not be read, or an analysis failed."""
     for problem in (*report.refusals, *report.failures):
         raise RuntimeError(f"{case.run_name}: {problem.sentence}")
-    named = [_named(case, group, causes) for group in group_findings(report) if group.worst >= Severity.WARNING]
+    groups = [(group.worst, _named(case, group, causes)) for group in group_findings(report)]
+    named = [
+        each
+        for worst, each in groups
+        if worst >= Severity.WARNING or (case.notice and each.right and worst >= Severity.NOTICE)
+    ]
     contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, causes)}
     return Outcome(case.name, case.group, case.seed, case.onset_s, tuple(named), tuple(sorted(contradictions)))
 

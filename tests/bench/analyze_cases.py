@@ -34,6 +34,8 @@ class Case:
     causes_in_log: tuple[str, ...]
     """Those that the autopilot's log alone can show."""
     effects: tuple[str, ...]
+    notice: bool = False
+    """Whether a notice names the cause too."""
 
     @property
     def run_name(self) -> str:
@@ -72,17 +74,17 @@ def group_of_findings() -> dict[str, str]:
 
 def _faulty(name: str, row: Mapping[str, Any], table: Mapping[str, Any], seed: int) -> Case:
     rng = default_rng([seed, zlib.crc32(name.encode())])
-    onset_s = float(round(rng.uniform(*table["onset_s"]), 1))
+    begin_s = float(round(rng.uniform(*table["onset_s"]), 1))
     profile = [row.get("profile", "sitl"), *row.get("extends", ())]
     document = _document(profile, {**table["set"], **row.get("set", {})}, table["duration_s"], seed)
+    onset_s = None
     if "fault" in row:
-        fault = {"from_s": onset_s, **_drawn(row["fault"], rng)}
-        if "lasts_s" in row:
-            fault["until_s"] = onset_s + row["lasts_s"]
-        document["faults"] = {_FAULT: fault}
+        onset_s = begin_s
+        until = {"until_s": begin_s + row["lasts_s"]} if "lasts_s" in row else {}
+        document["faults"] = {_FAULT: {"from_s": begin_s, **_drawn(row["fault"], rng), **until}}
     causes, effects = tuple(row["causes"]), tuple(row.get("effects", ()))
-    in_log = tuple(row.get("in_log", causes))
-    return Case(name, row["group"], seed, document, onset_s if "fault" in row else None, causes, in_log, effects)
+    in_log, notice = tuple(row.get("in_log", causes)), row.get("notice", False)
+    return Case(name, row["group"], seed, document, onset_s, causes, in_log, effects, notice)
 
 
 def _drawn(value: Any, rng: Generator) -> Any:
