@@ -42,6 +42,8 @@ PAGE = ROOT / "docs" / "logs.md"
 BEGIN, END = "<!-- analyze -->", "<!-- end of analyze -->"
 EARLY_S = 3.0
 """Time by which a finding may begin before the cause that it names: most signals are averaged."""
+EXCLUSIVE = (("attitude.overturned", "attitude.doubtful"), ("attitude.contact", "attitude.upright"))
+"""Findings of which at most one is right in these runs."""
 RUNS_OF_A_WORKER = 8
 BOTH, OWN_LOG = "recording and log", "log"
 """Files of a run: the recording with the autopilot's log, and the log alone, which is all that a real vessel has."""
@@ -102,6 +104,8 @@ def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
         if worst >= Severity.WARNING or (case.notice and each.right and worst >= Severity.NOTICE)
     ]
     contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, causes)}
+    keys = {placed.finding.key for placed in report.findings}
+    contradictions |= {" and ".join(pair) for pair in EXCLUSIVE if keys.issuperset(pair)}
     return Outcome(case.name, case.group, case.seed, case.onset_s, tuple(named), tuple(sorted(contradictions)))
 
 

@@ -37,7 +37,7 @@ class Outcome:
     named: tuple[Named, ...]
     """The most severe first, then the earliest, as the terminal shows them."""
     contradictions: tuple[str, ...]
-    """OK findings that the injected cause contradicts."""
+    """OK findings that the injected cause contradicts, and pairs of findings that exclude each other."""
 
     @property
     def clean(self) -> bool:

@@ -51,7 +51,7 @@ def check(report: Report) -> None:
                 continue
             at_s = begin_s(each)
             assert at_s is not None
-            slow = each.finding.key.startswith(("control.", "radio."))
+            slow = each.finding.key.split(".")[0] in ("control", "radio")
             assert cause_s <= at_s + (SLOW_TOGETHER_S if slow else TOGETHER_S)
 
 

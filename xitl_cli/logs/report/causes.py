@@ -61,6 +61,8 @@ _HIT = (
     "attitude.impact", "attitude.contact", "attitude.overturned", "attitude.leaning", "control.attitude_lost",
     "control.rate_lost", "events.error.12", "events.error.25", "events.said.crash", "events.said.flight",
 )  # fmt: skip
+_MISJUDGED = ("attitude.overturned", "attitude.leaning", "attitude.doubtful")
+"""Findings on the estimated attitude, which inertial sensors determine."""
 _SILENT = ("links.silence", "links.sequence_loss", "links.loss", "radio.failsafe", "radio.none")
 
 CAUSES = (
@@ -113,13 +115,13 @@ CAUSES = (
         ("sensors.gap", "sensors.stuck", "sensors.stopped_together", "sensors.unhealthy", "sensors.errors",
          "sensors.slow", "sensors.missing", "sensors.saturated", "sensors.compasses_disagree", "sensors.field_changes"),
         ("sensors", "gnss.silent", "events.error.3", "events.error.18", "events.error.26", "events.said.sensor",
-         "control", *_EKF, *_ACTED),
+         "control", *_MISJUDGED, *_EKF, *_ACTED),
         10.0,
     ),
     CauseRule(
         _DEPARTED,
         ("sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", "sensors.disagree", "gnss",
-         "control", "radio.saturated", "radio.too_slow", *_EKF, *_ACTED),
+         "control", "radio.saturated", "radio.too_slow", *_MISJUDGED, *_EKF, *_ACTED),
         30.0,
     ),
     CauseRule(
