@@ -100,9 +100,11 @@ def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
     measure then. A drift that the velocity shares cannot be detected. Size: m/s.
     """
     rows = _measured_rows(receiver)
-    time_s = (receiver.sample_ns[rows] - receiver.sample_ns[rows[:1]]) * 1e-9
+    if len(rows) < LEAST_FIXES:
+        return []
+    time_s = (receiver.sample_ns[rows] - receiver.sample_ns[rows[0]]) * 1e-9
     steps_s = np.diff(time_s)
-    if len(rows) < LEAST_FIXES or (steps_s <= 0).any():
+    if (steps_s <= 0).any():
         return []
     lat_deg, lon_deg = receiver.lat_deg[rows], receiver.lon_deg[rows]
     frame = LocalFrame(float(lat_deg[0]), float(lon_deg[0]), 0.0)
