@@ -40,6 +40,7 @@ FORMAT = 1
 KEPT = Path(__file__).with_name("analyze_measured.json")
 PAGE = ROOT / "docs" / "logs.md"
 BEGIN, END = "<!-- analyze -->", "<!-- end of analyze -->"
+NOT_MEASURED = "No complete measurement is kept yet."
 EARLY_S = 3.0
 """Time by which a finding may begin before the cause that it names: most signals are averaged."""
 EXCLUSIVE = (("attitude.overturned", "attitude.doubtful"), ("attitude.contact", "attitude.upright"))
@@ -167,6 +168,11 @@ def tables(results: AnalyzeResults) -> str:
             confusion_table(both, group_of_findings()),
         ]
     )
+
+
+def kept_tables() -> str:
+    """The text of the kept results, or that there are none."""
+    return tables(read_results(KEPT)) if KEPT.exists() else NOT_MEASURED
 
 
 def with_tables(page: str, text: str) -> str:

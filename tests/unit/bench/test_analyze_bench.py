@@ -95,7 +95,7 @@ def test_results_survive_a_file_and_results_of_some_cases_are_not_kept(tmp_path:
 def test_the_tables_of_the_page_are_those_of_the_kept_results() -> None:
     """Write them with `python -m tests.bench.analyze --keep FILE`."""
     stored = analyze.PAGE.read_text(encoding="utf-8")
-    assert analyze.with_tables(stored, analyze.tables(analyze.read_results(analyze.KEPT))) == stored
+    assert analyze.with_tables(stored, analyze.kept_tables()) == stored
 
 
 def test_a_page_without_a_place_is_refused() -> None:
