@@ -197,10 +197,17 @@ def _fitted_drift(stamp_ns: Stamps, time_s: Floats, apart_m: Floats, first: int,
         left = apart_m[first:last] - design @ np.linalg.lstsq(design, apart_m[first:last], rcond=None)[0]
         return float(np.sum(left**2))
 
+    # Each end lies within two windows of its first estimate, and is fitted to three.
+    begins, near_begin = np.searchsorted(time_s, time_s[first] + WINDOW_S * np.array([2.0, 3.0])).tolist()
+    near_end, ends = np.searchsorted(time_s, time_s[last - 1] - WINDOW_S * np.array([3.0, 2.0])).tolist()
     begin, end = before, last - 1
     for _ in range(3):  # each end for the other one
-        begin = min(range(before, max(end - 10, before + 1)), key=lambda row: rest(before, row, end, end + 1))
-        end = min(range(min(begin + 10, last - 1), last), key=lambda row: rest(begin, begin, row, last))
+        until = min(end, near_begin, last - 1)
+        possible = range(before, max(min(begins, end - 10), before + 1))
+        begin = min(possible, key=lambda row: rest(before, row, until, until + 1))
+        since = max(begin, near_end)
+        possible = range(min(max(begin + 10, ends), last - 1), last)
+        end = min(possible, key=lambda row: rest(since, since, row, last))
     slope = _slope(time_s[begin : end + 1], apart_m[begin : end + 1])
     size = float(np.hypot(*slope))
     if size < DRIFT_MPS or time_s[end] - time_s[begin] < 0.5 * WINDOW_S:
