@@ -14,7 +14,7 @@ PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check -
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-slow test-realtime checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
+.PHONY: run package test test-fast test-slow test-realtime checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -129,6 +129,10 @@ bench-compare: $(VENV)/.dev  ## two results or two commits in pairs, with interv
 
 bench-pages: $(VENV)/.dev  ## keep the results in KEEP=file, and write the tables of speed in docs/
 	PYTHONPATH=. $(BIN)/python tools/write_bench.py $(KEEP)
+
+bench-analyze: $(VENV)/.dev  ## how often `xitl logs analyze` names the right cause (SEEDS=first-last, ONLY=word, OUT=file), or keep the results in KEEP=file
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench.analyze $(if $(SEEDS),--seeds $(SEEDS)) $(if $(ONLY),--only "$(ONLY)") \
+		$(if $(OUT),--out "$(OUT)") $(if $(KEEP),--keep "$(KEEP)")
 
 figures: $(VENV)/.dev  ## the three environments with twenty seeds each, and their table in docs/figures.md
 	$(BIN)/xitl campaign environments --out runs/figures --report || test $$? = 1

@@ -10,14 +10,14 @@ import pytest
 
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.signals.receivers import GnssReceiver
-from xitl_cli.plugins.logs.analyses.actuation import battery_sags, gnss_drifts
+from xitl_cli.plugins.logs.analyses.actuation import battery_sags, gnss_drifts, velocity_jumped
 
 S = 1_000_000_000
 
 
-def receiver(drift_mps: float, bearing_deg: float = 90.0, *, shared: bool = False) -> GnssReceiver:
+def receiver(drift_mps: float, bearing_deg: float = 90.0, *, shared: bool = False, seed: int = 4) -> GnssReceiver:
     """Two minutes on a circle at 5 Hz, with the usual noise; the drift lasts from 40 to 80 s and then stays."""
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(seed)
     time_s = np.arange(600) * 0.2
     place = 30.0 * np.stack([np.sin(0.1 * time_s), np.cos(0.1 * time_s), 0 * time_s], axis=1)
     speed = 3.0 * np.stack([np.cos(0.1 * time_s), -np.sin(0.1 * time_s), 0 * time_s], axis=1)
@@ -43,11 +43,14 @@ def receiver(drift_mps: float, bearing_deg: float = 90.0, *, shared: bool = Fals
 def test_a_position_that_leaves_its_velocity_drifts_with_onset_rate_and_bearing(
     rate_mps: float, bearing_deg: float
 ) -> None:
-    (drift,) = gnss_drifts(receiver(rate_mps, bearing_deg))
-    assert drift.from_ns / S == pytest.approx(40.0, abs=2.0)
-    assert drift.until_ns / S == pytest.approx(80.0, abs=12.0)  # how long is known to a window
-    assert drift.size == pytest.approx(rate_mps, rel=0.25)
-    assert drift.bearing_deg == pytest.approx(bearing_deg, abs=10.0)
+    """The slow error of the receiver, 0.5 m, moves the ends by as long as the drift takes for it."""
+    drifts = [drift for seed in range(8) for drift in gnss_drifts(receiver(rate_mps, bearing_deg, seed=seed))]
+    assert len(drifts) == 8
+    assert np.median([abs(drift.from_ns / S - 40.0) for drift in drifts]) < 0.5 / rate_mps
+    assert np.median([abs(drift.until_ns / S - 80.0) for drift in drifts]) < 0.5 / rate_mps
+    for drift in drifts:
+        assert drift.size == pytest.approx(rate_mps, rel=0.25)
+        assert drift.bearing_deg == pytest.approx(bearing_deg, abs=10.0)
 
 
 def test_the_slow_error_of_a_good_receiver_is_no_drift() -> None:
@@ -63,6 +66,36 @@ def test_a_gap_in_which_the_boat_turns_is_no_drift(gap_s: float) -> None:
     arrays = ("stamp_ns", "sample_ns", "fix", "lat_deg", "lon_deg", "vel_ned_mps")
     turned = replace(whole, lon_deg=whole.lon_deg + aside_deg)
     assert gnss_drifts(replace(turned, **{name: getattr(turned, name)[kept] for name in arrays})) == []
+
+
+def test_a_repeated_position_is_no_drift() -> None:
+    """A receiver that no longer measures repeats its last position and velocity."""
+    whole = receiver(0.0)
+    rows = np.arange(600)
+    rows[200:300] = 200
+    held = {name: getattr(whole, name)[rows] for name in ("lat_deg", "lon_deg", "vel_ned_mps")}
+    assert gnss_drifts(replace(whole, **held)) == []
+
+
+def test_a_position_that_jumps_and_jumps_back_does_not_drift() -> None:
+    whole = receiver(0.0)
+    off_deg = np.where((whole.stamp_ns > 50 * S) & (whole.stamp_ns < 70 * S), math.degrees(10.0 / 6.371e6), 0.0)
+    assert gnss_drifts(replace(whole, lat_deg=whole.lat_deg + off_deg)) == []
+
+
+def test_a_velocity_that_changes_at_once_is_wrong_and_not_the_position() -> None:
+    """An error of 1.2 m/s to the north, from 40 to 70 s."""
+    whole = receiver(0.0)
+    inside = (whole.stamp_ns >= 40 * S) & (whole.stamp_ns < 70 * S)
+    wrong = replace(whole, vel_ned_mps=whole.vel_ned_mps + np.outer(inside, [1.2, 0.0, 0.0]))
+    (drift,) = gnss_drifts(wrong)
+    assert drift.from_ns / S == pytest.approx(40.0, abs=0.5)
+    assert drift.until_ns / S == pytest.approx(70.0, abs=0.5)
+    assert drift.size == pytest.approx(1.2, rel=0.1)
+    assert velocity_jumped(wrong, drift)
+    slid = receiver(1.2)
+    (drift,) = gnss_drifts(slid)
+    assert not velocity_jumped(slid, drift)
 
 
 def test_a_drift_that_the_velocity_shares_cannot_be_seen() -> None:

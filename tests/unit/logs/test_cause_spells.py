@@ -16,7 +16,7 @@ from xitl_cli.logs.report.model import Report
 from xitl_cli.logs.signals.spans import spells
 
 S = 1_000_000_000
-TOGETHER_S = 1.0
+TOGETHER_S, SLOW_TOGETHER_S = 1.0, 3.0
 KINDS = sorted({kind for rule in CAUSES for kind in (*rule.causes, *rule.consequences)})
 WHOLE_LOG_CAUSES = {kind for rule in CAUSES if rule.after_s == WHOLE_LOG for kind in rule.causes}
 
@@ -51,7 +51,8 @@ def check(report: Report) -> None:
                 continue
             at_s = begin_s(each)
             assert at_s is not None
-            assert cause_s <= at_s + TOGETHER_S
+            slow = each.finding.key.split(".")[0] in ("control", "radio")
+            assert cause_s <= at_s + (SLOW_TOGETHER_S if slow else TOGETHER_S)
 
 
 def test_rows_at_both_ends_are_two_spells() -> None:
@@ -60,6 +61,15 @@ def test_rows_at_both_ends_are_two_spells() -> None:
     bad[:12], bad[-620:] = True, True
     bad[-300:-295] = False
     assert spells(stamps, bad) == [(0, 11 * S // 10), (338 * S, int(stamps[-1]))]
+
+
+def test_a_turn_just_before_a_fault_begins_the_spell_that_the_fault_keeps() -> None:
+    """A speed counts as too low after 15 s. A reversed propeller kept it low for 17 s of these 18 s."""
+    reversed_propeller = finding("actuation.reversed", (30.4, 45.6))
+    for key, begin_s, count in (("control.too_slow", 29.0, 1), ("control.too_slow", 20.0, 2)):
+        groups = group_findings(report_of([finding(key, (begin_s, 47.0)), reversed_propeller]))
+        assert len(groups) == count
+    assert groups[0].cause.finding.key == "control.too_slow"
 
 
 def test_what_comes_between_two_spells_has_another_cause() -> None:

@@ -53,6 +53,11 @@ CUT = (
 )
 
 
+def test_a_stuck_sensor_explains_an_attitude_that_only_the_estimate_has() -> None:
+    stuck, doubtful = finding("sensors.stuck", (31.7, 37.7)), finding("attitude.doubtful", (35.3, 51.3))
+    assert shape(group_findings(Report((log(stuck, doubtful),)))) == [("sensors.stuck", ["attitude.doubtful"])]
+
+
 def test_a_cut_link_is_one_finding() -> None:
     (group,) = group_findings(Report((log(*CUT[:8]),)))
     assert group.cause.finding.key == "faults.injected"

@@ -68,6 +68,12 @@ def test_a_turn_takes_its_time() -> None:
     assert set(found(log_of(steered(demanded, yaw), attitude(yaw), speeds(2.0, 2.0)))) == {"control.followed"}
 
 
+def test_a_large_error_for_a_short_time_neither_fails_nor_follows() -> None:
+    """Half of the time off by a right angle, for 14 s at once."""
+    yaw = np.where(T_S % 28 < 14, 190.0, 100.0)
+    assert found(log_of(steered(100.0, yaw), attitude(yaw), speeds(2.0, 2.0))) == {}
+
+
 def test_a_demand_flat_at_0_is_none() -> None:
     """Rover steers its legs by turn rate and leaves both columns at 0."""
     section = control.analyse(log_of(steered(0.0, 180.0), attitude(180.0), speeds(2.0, 2.0)))

@@ -61,6 +61,8 @@ _HIT = (
     "attitude.impact", "attitude.contact", "attitude.overturned", "attitude.leaning", "control.attitude_lost",
     "control.rate_lost", "events.error.12", "events.error.25", "events.said.crash", "events.said.flight",
 )  # fmt: skip
+_MISJUDGED = ("attitude.overturned", "attitude.leaning", "attitude.doubtful")
+"""Findings on the estimated attitude, which inertial sensors determine."""
 _SILENT = ("links.silence", "links.sequence_loss", "links.loss", "radio.failsafe", "radio.none")
 
 CAUSES = (
@@ -91,8 +93,8 @@ CAUSES = (
     CauseRule(("vehicle.reboots", "events.watchdog"), ("sensors", "links", "time_bases", "scheduler", *_ERRORS), 10.0),
     CauseRule(("time_bases.step", "time_bases.rate_step"), ("sensors", "gnss.silent", "scheduler", "time_bases"), 2.0),
     CauseRule(
-        ("links.silence", "links.sequence_loss"),
-        ("links", "sensors.gap", "sensors.recording_pauses", "gnss.silent"),
+        ("links.silence", "links.sequence_loss", "links.loss"),
+        ("links", "sensors.gap", "sensors.missing", "sensors.recording_pauses", "gnss.silent"),
         3.0,
     ),
     CauseRule(
@@ -113,13 +115,13 @@ CAUSES = (
         ("sensors.gap", "sensors.stuck", "sensors.stopped_together", "sensors.unhealthy", "sensors.errors",
          "sensors.slow", "sensors.missing", "sensors.saturated", "sensors.compasses_disagree", "sensors.field_changes"),
         ("sensors", "gnss.silent", "events.error.3", "events.error.18", "events.error.26", "events.said.sensor",
-         "control", *_EKF, *_ACTED),
+         "control", *_MISJUDGED, *_EKF, *_ACTED),
         10.0,
     ),
     CauseRule(
         _DEPARTED,
         ("sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", "sensors.disagree", "gnss",
-         "control", "radio.saturated", "radio.too_slow", *_EKF, *_ACTED),
+         "control", "radio.saturated", "radio.too_slow", *_MISJUDGED, *_EKF, *_ACTED),
         30.0,
     ),
     CauseRule(
@@ -158,6 +160,10 @@ CAUSES = (
 
 _TOGETHER_S = 1.0
 """Events logged within a second of each other began together. Then the earlier kind in `_FIRST` is the cause."""
+_SLOW = ("control", "radio")
+_SLOW_TOGETHER_S = 3.0
+"""The same for findings that must last for many seconds: an ordinary turn or wave may begin the spell that a fault then
+keeps."""
 _FIRST = (
     "faults", "power", "vehicle", "time_bases", "links", "attitude.contact", "attitude.impact", "vibration",
     "sensors", "actuation", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "px4",
@@ -200,6 +206,15 @@ class _Placed:
     @property
     def begin_s(self) -> float:
         return self.spans[0][0] if self.spans else math.inf
+
+    @property
+    def together_s(self) -> float:
+        """Time by which a cause may begin later than this consequence."""
+        return _SLOW_TOGETHER_S if is_kind(self.found.finding.key, _SLOW) else _TOGETHER_S
+
+    def rounded_s(self, begin_s: float) -> float:
+        """Beginning of a cause: that of this consequence if both began together."""
+        return self.begin_s if abs(begin_s - self.begin_s) <= self.together_s else begin_s
 
     @property
     def intended(self) -> bool:
@@ -271,9 +286,9 @@ def _cause(effect: _Placed, every: Sequence[_Placed]) -> int | None:
         span = _explaining_span(effect, other)
         if span is not None:
             # A lasting finding is a state, such as a field that always changes: an event explains more.
-            candidates.append((other.lasts, span[0], other.rank, place))
+            candidates.append((other.lasts, effect.rounded_s(span[0]), other.rank, place))
         elif _is_repeated(effect, other):
-            candidates.append((False, other.begin_s, other.rank, place))
+            candidates.append((False, effect.rounded_s(other.begin_s), other.rank, place))
     return min(candidates)[-1] if candidates else None
 
 
@@ -301,7 +316,11 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
         return None
     explained = [
         next(
-            (span for span in cause.spans if span[0] - _TOGETHER_S <= at <= cause.explains_until_s(span, reach_s)),
+            (
+                span
+                for span in cause.spans
+                if span[0] - effect.together_s <= at <= cause.explains_until_s(span, reach_s)
+            ),
             None,
         )
         for at, _ in effect.spans
@@ -312,7 +331,7 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
     # The cause begins first. If both begin together, the order of `_FIRST` decides.
     begin_s = known[0][0]
     apart_s = effect.begin_s - begin_s
-    if abs(apart_s) <= _TOGETHER_S:
+    if abs(apart_s) <= effect.together_s:
         first = (cause.rank, begin_s, cause.place) < (effect.rank, effect.begin_s, effect.place)
     else:
         first = apart_s > 0.0
@@ -336,7 +355,7 @@ def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -
     """
     seen = [place]
     while (cause := causes[seen[-1]]) is not None:
-        if placed[cause].spans and placed[cause].begin_s > placed[place].begin_s + _TOGETHER_S:
+        if placed[cause].spans and placed[cause].begin_s > placed[place].begin_s + placed[place].together_s:
             break
         if cause in seen:
             return min(seen[seen.index(cause) :])

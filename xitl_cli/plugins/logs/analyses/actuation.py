@@ -16,7 +16,7 @@ from xitl_cli.logs.model.sections import Evidence, Finding, Section
 from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.receivers import GnssReceiver, gnss_receivers, injected_receivers
 from xitl_cli.logs.signals.series import numbers
-from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.signals.spans import find_holds, runs
 from xitl_cli.plugins.logs.analyses.actuator_faults import actuator_findings
 from xitl_cli.plugins.logs.analyses.power import batteries
 
@@ -29,6 +29,9 @@ LEAST_FIXES = 20
 MOST_GAP_S = 1.0
 """Largest gap between two fixes of one stretch: the mean velocity determines the path of a boat that turns in this
 time."""
+JUMP_M = 3.0
+"""Least step between two fixes, beyond the velocity, that is a jump."""
+_LEAST_JUMP_MPS, _JUMP_SHARE, _JUMP_REACH_NS = 0.5, 0.6, 1_500_000_000
 BATTERY_WINDOW_S = 8.0
 
 
@@ -54,6 +57,9 @@ def analyse(log: Log) -> Section | None:
 def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
     for receiver in gnss_receivers(log) or injected_receivers(log):
         for drift in gnss_drifts(receiver):
+            if velocity_jumped(receiver, drift):
+                yield _of_velocity(receiver, drift, clock)
+                continue
             yield Finding.warning(
                 "actuation.gnss_drift",
                 f"From {clock.text(drift.from_ns)} to {clock.text(drift.until_ns)} the position of {receiver.name} "
@@ -71,38 +77,73 @@ def _gnss_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
             )
 
 
+def _of_velocity(receiver: GnssReceiver, drift: Departure, clock: LogClock) -> Finding:
+    return Finding.warning(
+        "gnss.velocity_off",
+        f"From {clock.text(drift.from_ns)} to {clock.text(drift.until_ns)} the velocity of {receiver.name} is off by "
+        f"{drift.size:.2f} m/s towards {(drift.bearing_deg + 180.0) % 360.0:.0f} degrees: it changed at once, and the "
+        "position did not follow",
+        (
+            Evidence(
+                receiver.message, receiver.fields.get("speed"), drift.from_ns, drift.until_ns, f"{drift.size:.2f} m/s"
+            ),
+        ),
+        "Do not trust the velocity in this time; check the receiver's dynamic model and its driver.",
+    )
+
+
 def gnss_drifts(receiver: GnssReceiver) -> list[Departure]:
     """Times in which the position moves at another velocity than the receiver reports, by the slope of the difference.
 
-    Each stretch without a gap is judged alone, because the velocity does not determine the path across a gap. A drift
-    that the velocity shares cannot be detected. Size: m/s.
+    Each stretch without a gap and without a jump is judged alone, because the velocity does not determine the path
+    across a gap, and a position that jumps does not drift. A repeated position is a gap too: the receiver did not
+    measure then. A drift that the velocity shares cannot be detected. Size: m/s.
     """
-    vel_ne_mps = receiver.vel_ned_mps[:, :2]
-    known = np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(vel_ne_mps).all(axis=1)
-    rows = np.flatnonzero((receiver.fix >= 3) & known)
-    steps_s = np.diff(receiver.sample_ns[rows]) * 1e-9
-    if len(rows) < LEAST_FIXES or (steps_s <= 0).any():
+    rows = _measured_rows(receiver)
+    if len(rows) < LEAST_FIXES:
         return []
-    stretches = np.split(rows, np.flatnonzero(steps_s > MOST_GAP_S) + 1)
-    return [drift for stretch in stretches if len(stretch) >= LEAST_FIXES for drift in _drifts(receiver, stretch)]
-
-
-def _drifts(receiver: GnssReceiver, rows: NDArray[np.intp]) -> Iterator[Departure]:
-    """Drifts within rows without a gap."""
-    stamp_ns, vel_ne_mps = receiver.sample_ns[rows], receiver.vel_ned_mps[rows, :2]
-    time_s = (stamp_ns - stamp_ns[0]) * 1e-9
+    time_s = (receiver.sample_ns[rows] - receiver.sample_ns[rows[0]]) * 1e-9
+    steps_s = np.diff(time_s)
+    if (steps_s <= 0).any():
+        return []
     lat_deg, lon_deg = receiver.lat_deg[rows], receiver.lon_deg[rows]
     frame = LocalFrame(float(lat_deg[0]), float(lon_deg[0]), 0.0)
-    place_m = frame.ned(lat_deg, lon_deg, np.zeros(len(lat_deg)))[:, :2]
-    steps_m = 0.5 * (vel_ne_mps[1:] + vel_ne_mps[:-1]) * np.diff(time_s)[:, None]
-    apart_m = place_m - np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
+    place_m = frame.ned(lat_deg, lon_deg, np.zeros(len(rows)))[:, :2]
+    vel_ne_mps = receiver.vel_ned_mps[rows, :2]
+    strayed_m = np.diff(place_m, axis=0) - 0.5 * (vel_ne_mps[1:] + vel_ne_mps[:-1]) * steps_s[:, None]
+    apart_m = np.concatenate([np.zeros((1, 2)), np.cumsum(strayed_m, axis=0)])
+    broken = np.flatnonzero((steps_s > MOST_GAP_S) | (np.linalg.norm(strayed_m, axis=1) > JUMP_M))
+    return [
+        drift
+        for stretch in np.split(np.arange(len(rows)), broken + 1)
+        if len(stretch) >= LEAST_FIXES
+        for drift in _drifts(receiver.stamp_ns[rows[stretch]], time_s[stretch], apart_m[stretch])
+    ]
+
+
+def _measured_rows(receiver: GnssReceiver) -> NDArray[np.intp]:
+    """Rows with a fix, a position and a velocity, of each repeated position only the first."""
+    known = np.isfinite(receiver.lat_deg + receiver.lon_deg) & np.isfinite(receiver.vel_ned_mps[:, :2]).all(axis=1)
+    rows = np.flatnonzero((receiver.fix >= 3) & known)
+    if len(rows) < 2:
+        return rows
+    period_s = float(np.median(np.diff(receiver.sample_ns[rows]))) * 1e-9
+    measured = np.ones(len(rows), dtype=np.bool_)
+    place_deg = np.stack([receiver.lat_deg[rows], receiver.lon_deg[rows]], axis=1)
+    for hold in find_holds(place_deg, max(period_s, 1e-3), shortest_s=MOST_GAP_S).holds:
+        measured[hold.first + 1 : hold.last + 1] = False
+    return rows[measured]
+
+
+def _drifts(stamp_ns: Stamps, time_s: Floats, apart_m: Floats) -> Iterator[Departure]:
+    """Drifts within rows without a gap. apart_m: (N, 2) way of the positions beyond that of the velocities."""
     ends = np.searchsorted(time_s, time_s + WINDOW_S)
     whole = ends < len(time_s)
     firsts, ends = np.flatnonzero(whole), ends[whole]
     slope = _slopes(time_s, apart_m, firsts, ends)
     for begin, after in _joined(runs(np.linalg.norm(slope, axis=1) > DRIFT_MPS), 25):
         first, last = int(firsts[begin]), int(ends[after - 1])
-        if (departure := _fitted_drift(receiver.stamp_ns[rows], time_s, apart_m, first, last)) is not None:
+        if (departure := _fitted_drift(stamp_ns, time_s, apart_m, first, last)) is not None:
             yield departure
 
 
@@ -144,26 +185,50 @@ def _joined(spans: object, most_rows: int) -> list[tuple[int, int]]:
 
 
 def _fitted_drift(stamp_ns: Stamps, time_s: Floats, apart_m: Floats, first: int, last: int) -> Departure | None:
-    """Best fit of a broken line (level, slope) from a window before to the end; None if the slope is too small."""
+    """Best fit of a level and a slope, then of a slope and a level; None if the slope is too small."""
     before = int(np.searchsorted(time_s, time_s[first] - WINDOW_S))
-    jumps = np.linalg.norm(np.diff(apart_m[first:last], axis=0), axis=1)
-    if len(jumps) and jumps.max() > 3.0:  # a position that jumps back ends the drift
-        last = first + int(np.argmax(jumps)) + 1
     if last - first < 10:
         return None
-    best, best_at = np.inf, first
-    for at in range(before, last - 10):
-        design = np.stack([np.ones(last - before), np.maximum(time_s[before:last] - time_s[at], 0.0)], axis=1)
-        _, left, *_ = np.linalg.lstsq(design, apart_m[before:last], rcond=None)
-        if len(left) and left.sum() < best:
-            best, best_at = float(left.sum()), at
-    end = last - 1
-    slope = _slope(time_s[best_at:last], apart_m[best_at:last])
+
+    def rest(first: int, begin: int, end: int, last: int) -> float:
+        """Squared residuals of rows with a drift between two of them."""
+        ramp_s = np.clip(time_s[first:last], time_s[begin], time_s[end]) - time_s[begin]
+        design = np.stack([np.ones(last - first), ramp_s], axis=1)
+        left = apart_m[first:last] - design @ np.linalg.lstsq(design, apart_m[first:last], rcond=None)[0]
+        return float(np.sum(left**2))
+
+    # Each end lies within two windows of its first estimate, and is fitted to three.
+    begins, near_begin = np.searchsorted(time_s, time_s[first] + WINDOW_S * np.array([2.0, 3.0])).tolist()
+    near_end, ends = np.searchsorted(time_s, time_s[last - 1] - WINDOW_S * np.array([3.0, 2.0])).tolist()
+    begin, end = before, last - 1
+    for _ in range(3):  # each end for the other one
+        until = min(end, near_begin, last - 1)
+        possible = range(before, max(min(begins, end - 10), before + 1))
+        begin = min(possible, key=lambda row: rest(before, row, until, until + 1))
+        since = max(begin, near_end)
+        possible = range(min(max(begin + 10, ends), last - 1), last)
+        end = min(possible, key=lambda row: rest(since, since, row, last))
+    slope = _slope(time_s[begin : end + 1], apart_m[begin : end + 1])
     size = float(np.hypot(*slope))
-    if size < DRIFT_MPS or time_s[end] - time_s[best_at] < 0.5 * WINDOW_S:
+    if size < DRIFT_MPS or time_s[end] - time_s[begin] < 0.5 * WINDOW_S:
         return None
     bearing_deg = float(np.degrees(np.arctan2(slope[1], slope[0])) % 360.0)
-    return Departure(int(stamp_ns[best_at]), int(stamp_ns[end]), size, bearing_deg)
+    return Departure(int(stamp_ns[begin]), int(stamp_ns[end]), size, bearing_deg)
+
+
+def velocity_jumped(receiver: GnssReceiver, drift: Departure) -> bool:
+    """Whether the velocity changed at once by the opposite of the drift, which no vessel does: the velocity is wrong.
+
+    A turn changes the velocity from fix to fix about evenly, so each change is compared with those next to it.
+    """
+    if drift.size < _LEAST_JUMP_MPS:
+        return False
+    near = np.abs(receiver.stamp_ns - drift.from_ns) < _JUMP_REACH_NS
+    changes = np.diff(receiver.vel_ned_mps[near, :2], axis=0)
+    bearing = np.radians(drift.bearing_deg)
+    against = -changes @ np.array([np.cos(bearing), np.sin(bearing)])
+    sudden = against[1:-1] - 0.5 * (against[:-2] + against[2:])
+    return bool(len(sudden) and np.nanmax(sudden) > _JUMP_SHARE * drift.size)
 
 
 def _battery_findings(log: Log, clock: LogClock) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from xitl_cli.logs.model.codes import BOAT_FRAME, FREE_ATTITUDE, MOTION_LIMITS, 
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
-from xitl_cli.logs.signals.sensors import STANDARD_GRAVITY_MPS2, InertialUnit, inertial_units
+from xitl_cli.logs.signals.sensors import STANDARD_GRAVITY_MPS2, InertialUnit, inertial_units, injected_units
 from xitl_cli.logs.signals.series import first_instance, significant
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_heartbeats, firmware_text, parameter_values, vehicle_kind
@@ -79,7 +79,8 @@ def analyse(log: Log) -> Section | None:
     tilt = max(every, key=lambda found: len(_overturned_spans(found, limits, free)), default=None)
     if tilt is not None:
         overturned = _overturned_spans(tilt, limits, free)
-        findings += _overturned(log, tilt, overturned, inertial, kind, parameters, clock)
+        accelerometers = inertial or injected_units(log)
+        findings += _overturned(log, tilt, overturned, accelerometers, kind, parameters, clock)
         findings += _leaning(log, tilt, limits, [*overturned, *free], clock)
     shocks = find_shocks(inertial, limits)
     findings += _impacts(log, shocks, overturned, clock)

@@ -225,6 +225,8 @@ class TrackingLimit:
     """1 for achieved over demanded, -1 for under, 0 for both."""
 
 
+_MOST_OFF = 0.25
+"""Share of the time over a limit up to which a vehicle followed its setpoints."""
 _LOST_STEP = "Look at motors and propellers (outputs at their ends), vibration and battery just before."
 # A boat turns by half a circle in 10 to 15 s and gathers way in 10 s. ArduCopter's crash check treats 30 deg for two
 # seconds as lost control.
@@ -294,7 +296,8 @@ def analyse(log: Log) -> Section | None:
                 first = by_key.get(finding.key)
                 evidence = () if first is None else first.evidence
                 by_key[finding.key] = replace(first or finding, evidence=(*evidence, *finding.evidence))
-    if not by_key and clock.armed:
+    # Many errors that are too short for a finding are no good tracking either.
+    if not by_key and clock.armed and all(_within_limits(tracking) for tracking in trackings):
         errors = [f"{tracking.label} within {_rms(tracking):.2g} {tracking.unit} RMS" for tracking in trackings]
         followed = Finding.ok("control.followed", f"It followed its setpoints: {', '.join(errors)}")
         by_key = {followed.key: followed}
@@ -445,6 +448,14 @@ def _speed_from_telemetry(log: Log) -> Iterator[Tracking]:
         stamps, there = error.stamp_ns[rows], there[rows]
         yield Tracking("speed", "speed", "m/s", stamps, there + error.values[rows], there, message, "aspd_error")
         return
+
+
+def _within_limits(tracking: Tracking) -> bool:
+    """Whether the error is within each limit for most of the time: turns and accelerations take a part of it."""
+    error, demanded = np.abs(tracking.error), np.abs(tracking.demanded)
+    return all(
+        np.mean(error > np.maximum(limit.least, limit.share * demanded)) < _MOST_OFF for limit in _LIMITS[tracking.key]
+    )
 
 
 def _off(tracking: Tracking, limit: TrackingLimit, clock: LogClock) -> Finding | None:

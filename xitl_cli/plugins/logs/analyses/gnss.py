@@ -20,6 +20,7 @@ from xitl_cli.logs.signals.receivers import FIX_3D, FIX_NAMES, GnssReceiver, gns
 from xitl_cli.logs.signals.series import listed, numbers, significant
 from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows, rows_in_use
+from xitl_cli.plugins.logs.analyses.actuation import gnss_drifts
 from xitl_cli.plugins.logs.analyses.sensor_faults import switched_off
 
 _RTK = 5
@@ -208,11 +209,16 @@ def _bias(
         return
     worst = int(np.argmax(speed))
     at_ns = int(stamps[0] + numbers[worst] * int(_WINDOW_S * 1e9))
+    until_ns = at_ns + int(_WINDOW_S * 1e9)
+    for drift in gnss_drifts(receiver):  # a window begins at any time, a drift where it begins
+        if drift.from_ns < until_ns and at_ns < drift.until_ns:
+            at_ns, until_ns = drift.from_ns, drift.until_ns
+            break
     yield Finding.warning(
         "gnss.velocity_off",
-        f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off the change of its positions, over ten seconds "
-        f"from {clock.text(at_ns)}",
-        (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, at_ns + int(_WINDOW_S * 1e9)),),
+        f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off the change of its positions, from "
+        f"{clock.text(at_ns)} to {clock.text(until_ns)}",
+        (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, until_ns),),
         "Check the receiver's dynamic model and configuration; the estimator trusts both.",
     )
 

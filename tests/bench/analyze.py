@@ -1,0 +1,238 @@
+"""How often `xitl logs analyze` names the right cause: `make bench-analyze`.
+
+    python -m tests.bench.analyze --seeds 101-103            # writes build/bench/analyze.json
+    python -m tests.bench.analyze --seeds 1 --only compass --runs build/analyze
+    python -m tests.bench.analyze --keep build/bench/analyze.json    # keeps them, and writes the tables of docs/logs.md
+
+Each run of analyze_cases.yaml is simulated and analysed. The analysis of injected faults is omitted, because a log of a
+real vessel does not name its cause. A run in the folder of `--runs` is not simulated again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import yaml
+from numpy.random import default_rng
+
+from tests.bench.analyze_cases import Case, cases, group_of_findings
+from tests.bench.analyze_scores import Named, Outcome, confusion_table, score_table
+from tests.bench.results import FULL, ROOT, TINY, BenchRun, this_run
+from xitl_cli.log_analyses import log_analyses
+from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.sections import Finding, Severity
+from xitl_cli.logs.report.build import build_report
+from xitl_cli.logs.report.causes import FindingGroup, group_findings, is_contradicted, is_kind
+from xitl_cli.logs.report.model import Report
+
+FORMAT = 1
+KEPT = Path(__file__).with_name("analyze_measured.json")
+PAGE = ROOT / "docs" / "logs.md"
+BEGIN, END = "<!-- analyze -->", "<!-- end of analyze -->"
+NOT_MEASURED = "No complete measurement is kept yet."
+EARLY_S = 3.0
+"""Time by which a finding may begin before the cause that it names: most signals are averaged."""
+EXCLUSIVE = (("attitude.overturned", "attitude.doubtful"), ("attitude.contact", "attitude.upright"))
+"""Findings of which at most one is right in these runs."""
+RUNS_OF_A_WORKER = 8
+BOTH, OWN_LOG = "recording and log", "log"
+"""Files of a run: the recording with the autopilot's log, and the log alone, which is all that a real vessel has."""
+
+
+@dataclass(frozen=True)
+class AnalyzeResults:
+    """Outcomes by the files that were analysed, and the run of the bench."""
+
+    run: BenchRun
+    seeds: tuple[int, ...]
+    outcomes: dict[str, list[Outcome]]
+
+    def write(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        document = {"format": FORMAT, "run": asdict(self.run), "seeds": list(self.seeds)}
+        rows = {files: [asdict(outcome) for outcome in of] for files, of in self.outcomes.items()}
+        path.write_text(json.dumps({**document, "outcomes": rows}, indent=1) + "\n", encoding="utf-8")
+
+
+def read_results(path: Path) -> AnalyzeResults:
+    """Return the results in a file. Raises ValueError for another format."""
+    stored = json.loads(path.read_text(encoding="utf-8"))
+    if stored.get("format") != FORMAT:
+        raise ValueError(f"{path}: has format {stored.get('format')} instead of {FORMAT}; measure again")
+    outcomes = {files: [_outcome(row) for row in rows] for files, rows in stored["outcomes"].items()}
+    return AnalyzeResults(BenchRun(**stored["run"]), tuple(stored["seeds"]), outcomes)
+
+
+def _outcome(row: dict[str, Any]) -> Outcome:
+    named = tuple(Named(**each) for each in row["named"])
+    return Outcome(**{**row, "named": named, "contradictions": tuple(row["contradictions"])})
+
+
+def carry_out(case: Case, folder: Path) -> dict[str, Outcome]:
+    """Simulate a case, unless its run is in the folder, and judge the analysis by the files that it reads."""
+    import xitl
+
+    run = folder / case.run_name
+    profile = folder / f"{case.run_name}.yaml"
+    text = yaml.safe_dump(dict(case.document), sort_keys=False)
+    if not (run / "summary.json").exists() or not profile.exists() or profile.read_text(encoding="utf-8") != text:
+        profile.write_text(text, encoding="utf-8")
+        xitl.simulate(profile, out=run, overwrite=True)
+    blind = [analysis for analysis in log_analyses() if analysis.name != "faults"]
+    both, own = (build_report([path], blind, overview=False) for path in (run, run / "autopilot.bin"))
+    return {BOTH: judge(case, both, case.causes), OWN_LOG: judge(case, own, case.causes_in_log)}
+
+
+def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
+    """Outcome of an analysed run. Raises RuntimeError if a log could not be read, or an analysis failed."""
+    for problem in (*report.refusals, *report.failures):
+        raise RuntimeError(f"{case.run_name}: {problem.sentence}")
+    groups = [(group.worst, _named(case, group, causes)) for group in group_findings(report)]
+    named = [
+        each
+        for worst, each in groups
+        if worst >= Severity.WARNING or (case.notice and each.right and worst >= Severity.NOTICE)
+    ]
+    contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, causes)}
+    keys = {placed.finding.key for placed in report.findings}
+    contradictions |= {" and ".join(pair) for pair in EXCLUSIVE if keys.issuperset(pair)}
+    return Outcome(case.name, case.group, case.seed, case.onset_s, tuple(named), tuple(sorted(contradictions)))
+
+
+def _named(case: Case, group: FindingGroup, causes: Sequence[str]) -> Named:
+    finding = group.cause.finding
+    at_s = _first_s(finding, group.cause.file.time_line)
+    early = at_s is not None and case.onset_s is not None and at_s < case.onset_s - EARLY_S
+    right = is_kind(finding.key, causes) and not early
+    return Named(finding.key, at_s, right, not right and not early and is_kind(finding.key, case.effects))
+
+
+def _first_s(finding: Finding, line: TimeLine) -> float | None:
+    return min((round(line.second(each.at_ns), 3) for each in finding.evidence if each.at_ns is not None), default=None)
+
+
+def measure(chosen: Sequence[Case], folder: Path, workers: int, minutes: float | None) -> dict[str, list[Outcome]]:
+    """Outcomes of the cases by the files that were analysed, in the order of the cases.
+
+    minutes: time after which no further case begins; None: all are measured. The order of the measurements is random,
+    so that the cases of a limited time are a fair sample. A case that fails ends the bench.
+    """
+    until_s = math.inf if minutes is None else time.monotonic() + 60.0 * minutes
+    order = default_rng(len(chosen)).permutation(len(chosen)).tolist()
+    tasks = [(number, chosen[number], folder, until_s) for number in order]
+    measured: dict[int, dict[str, Outcome]] = {}
+    with get_context("forkserver").Pool(workers, maxtasksperchild=RUNS_OF_A_WORKER) as pool:
+        for number, outcomes in pool.imap_unordered(_carried_out, tasks):
+            if outcomes is not None:
+                measured[number] = outcomes
+                line = f"{len(measured)} of {len(chosen)}: {chosen[number].run_name}: {_line(outcomes[BOTH])}"
+                print(line, file=sys.stderr, flush=True)
+    return {files: [measured[number][files] for number in sorted(measured)] for files in (BOTH, OWN_LOG)}
+
+
+def _carried_out(task: tuple[int, Case, Path, float]) -> tuple[int, dict[str, Outcome] | None]:
+    """Number of a case with its outcomes; None after its time, on the clock that all processes share."""
+    number, case, folder, until_s = task
+    return number, carry_out(case, folder) if time.monotonic() < until_s else None
+
+
+def _line(of: Outcome) -> str:
+    named = ", ".join(f"{'' if cause.right else 'not '}{cause.key} at {cause.at_s}" for cause in of.named)
+    onset = "" if of.onset_s is None else f" (onset {of.onset_s})"
+    return (named or "nothing") + onset + "".join(f"; says {key}" for key in of.contradictions)
+
+
+def tables(results: AnalyzeResults) -> str:
+    """The text between the marks of docs/logs.md."""
+    both, own = results.outcomes[BOTH], results.outcomes[OWN_LOG]
+    seeds = ", ".join(str(seed) for seed in results.seeds)
+    return "\n\n".join(
+        [
+            f"`make bench-analyze` measured commit {results.run.commit[:8]} with the seeds {seeds}, from the recording "
+            "and the autopilot's log:",
+            score_table(both),
+            "From the autopilot's log alone:",
+            score_table(own),
+            "Runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
+            confusion_table(both, group_of_findings()),
+        ]
+    )
+
+
+def kept_tables() -> str:
+    """The text of the kept results, or that there are none."""
+    return tables(read_results(KEPT)) if KEPT.exists() else NOT_MEASURED
+
+
+def with_tables(page: str, text: str) -> str:
+    """The page with this text between its marks. Raises ValueError for a page without marks."""
+    pattern = re.compile(rf"({re.escape(BEGIN)}\n\n).*?(\n\n{re.escape(END)})", re.DOTALL)
+    if not pattern.search(page):
+        raise ValueError(f"has no place for the tables; put the lines {BEGIN} and {END} where they belong")
+    return pattern.sub(lambda match: f"{match[1]}{text}{match[2]}", page)
+
+
+def keep(results: AnalyzeResults) -> None:
+    """Keep results, and write the tables. Raises ValueError for results of no commit or of some cases."""
+    run = results.run
+    if run.sizes != FULL or not run.commit or run.changed:
+        raise ValueError(f"were measured with {run.sizes} sizes{' with changes' if run.changed else ''}; commit first")
+    results.write(KEPT)
+    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), tables(results)), encoding="utf-8")
+
+
+def seed_numbers(text: str) -> list[int]:
+    first, _, last = text.partition("-")
+    return list(range(int(first), int(last or first) + 1))
+
+
+def main(arguments: Iterable[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench.analyze", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=seed_numbers, default=[1], metavar="FIRST-LAST")
+    parser.add_argument("--only", action="append", default=[], metavar="WORD", help="cases with WORD in name or group")
+    parser.add_argument("--runs", type=Path, metavar="FOLDER", help="keep the runs here (default: a temporary folder)")
+    parser.add_argument("--workers", type=int, default=1, metavar="N")
+    parser.add_argument("--minutes", type=float, metavar="N", help="begin no case later: a random part of the cases")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "bench" / "analyze.json", metavar="FILE")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="keep these results, and write the tables of docs/")
+    given = parser.parse_args(None if arguments is None else list(arguments))
+    if given.keep is not None:
+        try:
+            keep(read_results(given.keep))
+        except ValueError as error:
+            sys.exit(f"{given.keep}: {error}")
+        return 0
+    chosen = [
+        case
+        for seed in given.seeds
+        for case in cases(seed)
+        if not given.only or any(word in f"{case.group} {case.name}" for word in given.only)
+    ]
+    if not chosen:
+        sys.exit(f"no case is named like {', '.join(given.only)}; see analyze_cases.yaml")
+    run = this_run(TINY if given.only else FULL)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = given.runs or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        results = AnalyzeResults(run, tuple(given.seeds), measure(chosen, folder, given.workers, given.minutes))
+    results.write(given.out)
+    print(tables(results))
+    print(f"results: {given.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""Runs with known causes, from analyze_cases.yaml."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from numpy.random import Generator, default_rng
+
+from tests.bench.analyze_scores import NONE
+
+CASES = Path(__file__).with_suffix(".yaml")
+_SITE = ("bases/base-sitl", "sites/santo-antonio")
+_FAULT = "injected"
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A run and its cause."""
+
+    name: str
+    group: str
+    """NONE for a clean run."""
+    seed: int
+    document: Mapping[str, Any]
+    """Its profile."""
+    onset_s: float | None
+    """None for a clean run, and for a cause that holds from the start."""
+    causes: tuple[str, ...]
+    causes_in_log: tuple[str, ...]
+    """Those that the autopilot's log alone can show."""
+    effects: tuple[str, ...]
+    notice: bool = False
+    """Whether a notice names the cause too."""
+
+    @property
+    def run_name(self) -> str:
+        return f"{self.name}-{self.seed}".replace("/", "-")
+
+
+def read_table() -> dict[str, Any]:
+    table: dict[str, Any] = yaml.safe_load(CASES.read_text(encoding="utf-8"))
+    return table
+
+
+def cases(seed: int) -> Iterator[Case]:
+    """All cases of a seed: those with a fault, then each vessel without one.
+
+    The environment of a vessel changes from seed to seed.
+    """
+    table = read_table()
+    for name, row in table["cases"].items():
+        yield _faulty(name, row, table, seed)
+    environments = table["clean"]["environments"]
+    for number, vehicle in enumerate(table["clean"]["vehicles"]):
+        environment = environments[(number + seed) % len(environments)]
+        profile = [*_SITE, f"vehicles/{vehicle}", f"environments/{environment}"]
+        document = _document(profile, table["set"], table["duration_s"], seed)
+        yield Case(f"{vehicle}/{environment}", NONE, seed, document, None, (), (), ())
+
+
+def group_of_findings() -> dict[str, str]:
+    """Group of each kind of finding that names a cause: the first one in the table."""
+    groups: dict[str, str] = {}
+    for row in read_table()["cases"].values():
+        for cause in row["causes"]:
+            groups.setdefault(cause, row["group"])
+    return groups
+
+
+def _faulty(name: str, row: Mapping[str, Any], table: Mapping[str, Any], seed: int) -> Case:
+    rng = default_rng([seed, zlib.crc32(name.encode())])
+    begin_s = float(round(rng.uniform(*table["onset_s"]), 1))
+    profile = [row.get("profile", "sitl"), *row.get("extends", ())]
+    document = _document(profile, {**table["set"], **row.get("set", {})}, table["duration_s"], seed)
+    onset_s = None
+    if "fault" in row:
+        onset_s = begin_s
+        until = {"until_s": begin_s + row["lasts_s"]} if "lasts_s" in row else {}
+        document["faults"] = {_FAULT: {"from_s": begin_s, **_drawn(row["fault"], rng), **until}}
+    causes, effects = tuple(row["causes"]), tuple(row.get("effects", ()))
+    in_log, notice = tuple(row.get("in_log", causes)), row.get("notice", False)
+    return Case(name, row["group"], seed, document, onset_s, causes, in_log, effects, notice)
+
+
+def _drawn(value: Any, rng: Generator) -> Any:
+    """The value with a number in place of each `{between: [a, b]}`."""
+    if isinstance(value, dict):
+        if set(value) == {"between"}:
+            return float(rng.uniform(*value["between"]))
+        return {key: _drawn(part, rng) for key, part in value.items()}
+    return [_drawn(part, rng) for part in value] if isinstance(value, list) else value
+
+
+def _document(extends: list[str], given: Mapping[str, Any], duration_s: float, seed: int) -> dict[str, Any]:
+    document: dict[str, Any] = {"extends": extends}
+    for key, value in {**given, "clock.duration_s": duration_s, "clock.seed": seed}.items():
+        group = document
+        *groups, last = key.split(".")
+        for part in groups:
+            group = group.setdefault(part, {})
+        group[last] = value
+    return document

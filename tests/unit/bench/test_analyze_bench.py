@@ -1,0 +1,116 @@
+"""The benchmark of `analyze` without its runs: cases, scores, tables. One case of it as a slow test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.bench import analyze
+from tests.bench.analyze_cases import cases
+from tests.bench.analyze_scores import NONE, Named, Outcome, Scores, confusion_table, score_table, scores
+from tests.bench.results import TINY, this_run
+from xitl_cli.profile import load_profile
+
+RIGHT = Named("gnss.silent", 30.4, right=True)
+WRONG = Named("control.too_slow", 31.0, right=False)
+FAULTY = Outcome("gnss-loss", "GNSS", 1, 30.0, (RIGHT,), ())
+CLEAN = Outcome("otter/calm", NONE, 1, None, (), ())
+
+
+def test_the_cases_of_a_seed_repeat_and_those_of_another_differ() -> None:
+    one, again, other = list(cases(1)), list(cases(1)), list(cases(2))
+    assert one == again
+    assert [case.group for case in one] == [case.group for case in other]
+    faulty = [number for number, case in enumerate(one) if case.onset_s is not None]
+    assert all(one[number].document != other[number].document for number in faulty)
+    assert len({case.run_name for case in one}) == len(one)
+
+
+def test_a_fault_begins_at_its_onset_and_has_a_drawn_size() -> None:
+    drift = next(case for case in cases(3) if case.name == "gnss-drift")
+    fault = drift.document["faults"]["injected"]
+    assert fault["from_s"] == drift.onset_s
+    assert fault["until_s"] > fault["from_s"]
+    assert 0.3 <= fault["gnss"]["drift_mps"] <= 0.8
+
+
+@pytest.mark.slow
+def test_every_case_is_a_profile_of_xitl(tmp_path: Path) -> None:
+    for case in cases(1):
+        path = tmp_path / f"{case.run_name}.yaml"
+        path.write_text(yaml.safe_dump(dict(case.document)), encoding="utf-8")
+        assert load_profile(str(path)).clock is not None, case.name
+
+
+def test_a_right_answer_on_faults_and_none_on_clean_runs_score_full() -> None:
+    assert scores([FAULTY, CLEAN]) == Scores(2, 1.0, 1.0, 1.0, pytest.approx(0.4), pytest.approx(0.4), 0)
+
+
+def test_a_wrong_cause_costs_precision_and_at_the_top_accuracy() -> None:
+    below, above = replace(FAULTY, named=(RIGHT, WRONG)), replace(FAULTY, named=(WRONG, RIGHT))
+    assert (scores([below]).recall, scores([below]).precision, scores([below]).accuracy) == (1.0, 0.5, 1.0)
+    assert (scores([above]).recall, scores([above]).precision, scores([above]).accuracy) == (1.0, 0.5, 0.0)
+
+
+def test_a_missed_fault_costs_recall_and_a_false_alarm_precision() -> None:
+    missed, alarmed = replace(FAULTY, named=()), replace(CLEAN, named=(WRONG,))
+    assert scores([FAULTY, missed]).recall == 0.5
+    assert scores([FAULTY, alarmed]).precision == 0.5
+    assert scores([missed]).onset_median_s is None
+
+
+def test_a_permitted_effect_is_neither_right_nor_wrong() -> None:
+    effect = replace(WRONG, effect=True)
+    assert scores([replace(FAULTY, named=(RIGHT, effect))]).precision == 1.0
+    assert scores([replace(FAULTY, named=(effect,))]).recall == 0.0
+
+
+def test_tables_have_a_row_for_each_group() -> None:
+    outcomes = [FAULTY, replace(FAULTY, seed=2, named=(WRONG,), contradictions=("control.followed",)), CLEAN]
+    assert score_table(outcomes).splitlines()[2:] == [
+        "| GNSS | 2 | 0.50 | 0.50 | 0.50 | 0.40 s | 0.40 s | 1 |",
+        "| none | 1 | – | – | – | – | – | 0 |",
+        "| all | 3 | 0.50 | 0.50 | 0.50 | 0.40 s | 0.40 s | 1 |",
+    ]
+    groups = {"gnss.silent": "GNSS", "control": "weather"}
+    assert confusion_table(outcomes, groups).splitlines() == [
+        "| cause \\ named | GNSS | weather | other | none |",
+        "| --- | --- | --- | --- | --- |",
+        "| GNSS | 1 | 1 |  |  |",
+        "| none |  |  |  | 1 |",
+    ]
+
+
+def test_results_survive_a_file_and_results_of_some_cases_are_not_kept(tmp_path: Path) -> None:
+    results = analyze.AnalyzeResults(this_run(TINY), (1,), {analyze.BOTH: [FAULTY, CLEAN], analyze.OWN_LOG: []})
+    results.write(tmp_path / "deep" / "x.json")
+    assert analyze.read_results(tmp_path / "deep" / "x.json") == results
+    with pytest.raises(ValueError, match="tiny"):
+        analyze.keep(results)
+
+
+def test_the_tables_of_the_page_are_those_of_the_kept_results() -> None:
+    """Write them with `python -m tests.bench.analyze --keep FILE`."""
+    stored = analyze.PAGE.read_text(encoding="utf-8")
+    assert analyze.with_tables(stored, analyze.kept_tables()) == stored
+
+
+def test_a_page_without_a_place_is_refused() -> None:
+    with pytest.raises(ValueError, match="has no place for the tables"):
+        analyze.with_tables("# Page\n", "x")
+
+
+@pytest.mark.slow
+def test_the_benchmark_names_the_cause_of_a_simulated_fault(tmp_path: Path) -> None:
+    only = [word for name in ("barometer-step", "gnss-loss", "blueboat") for word in ("--only", name)]
+    out = tmp_path / "x.json"
+    assert analyze.main(["--seeds", "1", *only, "--runs", str(tmp_path), "--out", str(out)]) == 0
+    results = analyze.read_results(out)
+    assert results.run.sizes == TINY
+    for outcomes in results.outcomes.values():
+        assert [outcome.case for outcome in outcomes] == ["gnss-loss", "barometer-step", "blueboat/current-waves"]
+        assert [outcome.detected for outcome in outcomes] == [True, True, False]
+        assert all(outcome.onset_error_s is not None and outcome.onset_error_s < 1.0 for outcome in outcomes[:2])
