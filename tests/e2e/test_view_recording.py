@@ -53,7 +53,7 @@ def opened(browser: Any, url: str, offline: bool) -> tuple[Any, list[str]]:
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.on("console", lambda said: wrong.append(said.text) if BROKEN_LOOK.search(said.text) else None)
     page.on("request", lambda request: wrong.append(request.url) if elsewhere(request.url, url) else None)
-    page.goto(url)
+    page.goto(url + "?look=full")
     page.wait_for_function("window.__viserMutable && window.__viserMutable.nodePoseData['/vessels/vessel']")
     page.wait_for_function("window.xitlLook && window.xitlLook.water && window.xitlLook.sky")
     return page, wrong

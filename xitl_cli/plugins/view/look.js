@@ -1,4 +1,5 @@
-/* Gives viser's scene the look of water, sky and wakes. The page works without it, with plain colours.
+/* Gives viser's scene the look of water, sky and wakes. The page works without it, with plain colours. It has plain
+colours too without a graphics card. ?look=full and ?look=plain in its address decide otherwise.
 
 viser keeps its scene in `window.__viserMutable`. Before each picture, `dress` replaces the shading of the node /water,
 draws the sky behind everything, and paints the wakes on a map that the water shows. The server sends all other data:
@@ -322,5 +323,18 @@ the node /look has the time in s, the share of night and the speed of the wind a
     }
     requestAnimationFrame(install);
   }
-  install();
+
+  // A processor that draws in place of a graphics card is too slow for the look.
+  function isWanted() {
+    const asked = new URLSearchParams(location.search).get("look");
+    if (asked) return asked === "full";
+    const context = document.createElement("canvas").getContext("webgl");
+    const info = context && context.getExtension("WEBGL_debug_renderer_info");
+    const renderer = info ? context.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+    const end = context && context.getExtension("WEBGL_lose_context");
+    if (end) end.loseContext();
+    return !/swiftshader|llvmpipe|softpipe|basic render/i.test(renderer);
+  }
+
+  if (isWanted()) install();
 })();

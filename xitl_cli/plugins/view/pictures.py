@@ -209,7 +209,7 @@ def _browser_at(browser: str, server: viser.ViserServer, size: tuple[int, int]) 
     """
     with tempfile.TemporaryDirectory(prefix="xitl-view-", ignore_cleanup_errors=True) as home:
         sandbox = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
-        url = f"http://127.0.0.1:{server.get_port()}"
+        url = f"http://127.0.0.1:{server.get_port()}/?look=full"
         window = f"--window-size={size[0]},{size[1] + 100}"
         output = Path(home) / "output"
         with output.open("wb") as file:
