@@ -100,6 +100,7 @@ def test_heartbeat_parameters_mission_and_then_the_orders(golden: Golden) -> Non
     case.preparation.update(3 * SECOND)
     assert case.waits_for() == "the autopilot to accept the mission"
     assert case.driver.asked == 0
+    case.hear(dialect.MAVLink_mission_request_int_message(255, 190, 0, 0))
     case.hear(dialect.MAVLink_mission_ack_message(255, 190, dialect.MAV_MISSION_ACCEPTED, 0))
     case.preparation.update(4 * SECOND)
     assert case.driver.asked == 1
