@@ -43,6 +43,8 @@ MOST_POINTS = 30_000
 TRACK_STEP_M = 0.3
 LEVEL_STEP_M = 0.01
 """Change of the water level after which the water and the marks on it move."""
+GAMMA = 2.2
+"""Exponent from a colour in sRGB to a linear one."""
 WAKE_S, WAKE_STEP_S = 30.0, 0.5
 """Drawn length of a wake, and the time between two points of it."""
 TRACK_PIECE = 100
@@ -121,6 +123,7 @@ class SceneDrawing:
         for number, mesh in enumerate(scene.meshes):
             _add_mesh(api, f"/surroundings/{number} {mesh.name}", mesh)
         self._look = api.add_frame("/look", show_axes=False)
+        self._look_water = api.add_frame("/look/water", show_axes=False)
         self._wind_mps = 0.0
         self._water = _WaterDrawing(api, scene.water, water)
         self.dark = dark
@@ -137,7 +140,10 @@ class SceneDrawing:
         self._dark = dark
         lighting = NIGHT if dark else DAY
         show_lighting(self._server.scene, lighting)
-        self._water.colour(self.scene.water.colour or lighting.water)
+        self._water.colour(lighting.water)
+        # Without reflections, muddy water would look like ground. So only look.js gives the water its own colour.
+        drawn = self.scene.water.colour or lighting.water
+        self._look_water.position = tuple((part / 255.0) ** GAMMA for part in drawn)
         self._tell_look()
 
     def _tell_look(self) -> None:

@@ -3,8 +3,9 @@ colours too without a graphics card. ?look=full and ?look=plain in its address d
 
 viser keeps its scene in `window.__viserMutable`. Before each picture, `dress` replaces the shading of the node /water,
 draws the sky behind everything, and paints the wakes on a map that the water shows. The server sends all other data:
-the node /look has the time in s, the share of night and the speed of the wind as its position; each node
-/wakes/NAME has the length and the beam of a vessel as its first point, then east, north and time of its way. */
+the node /look has the time in s, the share of night and the speed of the wind as its position; the node /look/water
+has the linear colour of the water; each node /wakes/NAME has the length and the beam of a vessel as its first point,
+then east, north and time of its way. */
 (() => {
   "use strict";
   const TILE_M = 9, TILE_PX = 256, MAP_PX = 256, KELVIN = Math.tan(19.47 * Math.PI / 180), LASTS_S = 40;
@@ -50,7 +51,7 @@ the node /look has the time in s, the share of night and the speed of the wind a
     }`;
   // Fresnel reflection of the sky, glitter of the sun, light from the water, foam; as the cameras draw it.
   const WATER_FRAGMENT = SKY + NOISE + `
-    uniform vec3 diffuse;
+    uniform vec3 xWater;       // light from below the surface
     uniform float opacity;
     varying vec3 vViewPosition, vNormal;
     uniform float xTime, xNight, xWind, xFar;
@@ -79,7 +80,7 @@ the node /look has the time in s, the share of night and the speed of the wind a
       back.y = abs(back.y) + 0.01;
       back = normalize(back);
       vec3 mirrored = skyColour(back);
-      vec3 body = diffuse * (0.62 + 0.5 * clamp(dot(n, xSun), 0.0, 1.0)) + diffuse * 1.4 * max(1.0 - wave.y, 0.0);
+      vec3 body = xWater * (0.62 + 0.5 * clamp(dot(n, xSun), 0.0, 1.0) + 1.4 * max(1.0 - wave.y, 0.0));
       body = sqrt(clamp(body, 0.0, 1.0)) * mix(0.94, 0.5, xNight);
       vec3 colour = mix(body, mirrored, fresnel);
       colour += glow(back, 1.5, 0.2) * (0.3 + 0.7 * fresnel);
@@ -175,7 +176,7 @@ the node /look has the time in s, the share of night and the speed of the wind a
     map.width = map.height = MAP_PX;
     const uniforms = {
       xSun: { value: new Vector(0, 1, 0) }, xZenith: { value: new Vector() }, xHaze: { value: new Vector() },
-      xGlow: { value: new Vector() }, xTime: { value: 0 }, xNight: { value: 0 }, xWind: { value: 3 },
+      xGlow: { value: new Vector() }, xWater: { value: new Vector() }, xTime: { value: 0 }, xNight: { value: 0 }, xWind: { value: 3 },
       xFar: { value: 420 }, xMap: { value: [0, 0, 0.02, 1] }, xEastNorth: { value: [1, 0, 0, -1] },
       xRipples: { value: texture(Texture, ripples(), true) }, xWakes: { value: texture(Texture, map, false) },
     };
@@ -278,6 +279,8 @@ the node /look has the time in s, the share of night and the speed of the wind a
     dressWater(water.material);
     const { uniforms, Vector } = dressing, nodes = tree.getState();
     const look = viewer.nodePoseData["/look"], sun = viewer.nodePoseData["/light/sun"];
+    const water_colour = viewer.nodePoseData["/look/water"];
+    if (water_colour && water_colour.position) uniforms.xWater.value.set(...water_colour.position);
     const [time_s, night, wind] = look && look.position ? look.position : [0, 0, 3];
     uniforms.xTime.value = time_s % 3600;
     uniforms.xNight.value = night;
