@@ -188,7 +188,7 @@ def boat_messages(rate_hz: int = 10, pulses: tuple[int, int] = (1500, 1500), out
 @pytest.mark.parametrize(
     ("messages", "options", "sentence"),
     [
-        ([], {}, "no MAVLink arrived before the end of the log"),
+        ([], {}, "has no frame of MAVLink; give the telemetry log"),
         (boat_messages(outputs=False), {}, "and 0 SERVO_OUTPUT_RAW"),
         (boat_messages(), {"system_id": 7}, r"system 7 sent nothing .* but these did: 1 \(800 messages\)"),
         (boat_messages(pulses=(1500, 0)), {}, r"output 3 has no pulse \(0 µs\).*--outputs"),

@@ -201,7 +201,12 @@ class BoatTelemetry:
         """Raise UserError if a message that the twin needs is missing after `waited_s`, infinite after a log's end."""
         if waited_s < WAIT_S:
             return
-        within = f"in {waited_s:.0f} s" if math.isfinite(waited_s) else "before the end of the log"
+        of_log = math.isinf(waited_s)
+        within = "before the end of the log" if of_log else f"in {waited_s:.0f} s"
+        if not self._heard and of_log:
+            raise UserError(
+                f"{self._source}: has no frame of MAVLink; give the telemetry log (.tlog) of a ground station"
+            )
         if not self._heard:
             raise UserError(
                 f"{self._source}: no MAVLink arrived {within}; let the boat or a ground station forward its "
