@@ -113,7 +113,10 @@ def column_is_equal(table: Table, name: str, wanted: list[Any]) -> None:
 
 
 def as_bytes(value: Any) -> bytes:
-    return bytes(value) if isinstance(value, bytes | bytearray) else np.asarray(value, dtype=np.float32).tobytes()
+    if isinstance(value, bytes | bytearray):
+        return bytes(value)
+    numbers = np.asarray(value)
+    return numbers.astype(np.uint32 if numbers.dtype.kind == "i" else np.float32).tobytes()
 
 
 def everywhere(name: str, messages: list[Any]) -> bool:
