@@ -456,12 +456,14 @@ class AgentConnection:
         if silence.noticed(now_ns):
             inbox.say(WARNING, "run", f"no {self._terms.says} from {self._who} for {SAID_S:g} s")
         self.gone = self._lost_run()
-        if self.gone is None and silence.under_way:
-            if silence.too_long(now_ns):
-                self.gone = self.silent(self._terms.silent_s)
-            elif now_ns - self._probed_ns > HELLO_INTERVAL_S * 1e9:
-                self._probed_ns = now_ns
-                self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
+        if self.gone is not None:
+            return
+        if silence.under_way and silence.too_long(now_ns):
+            self.gone = self.silent(self._terms.silent_s)
+        elif (silence.under_way or inbox.clock_stepped) and now_ns - self._probed_ns > HELLO_INTERVAL_S * 1e9:
+            self._probed_ns = now_ns
+            inbox.clock_stepped = False  # an agent that was restarted at once is never silent, but has another clock
+            self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
 
     def silent(self, seconds: float) -> UserError:
         """Return the error for a run that cannot continue without the agent."""

@@ -76,8 +76,9 @@ class AgentInbox:
 
     `on_message` gets every message except those of the host-agent protocol. command: the latest motor commands. They
     answer `answered_tick` and arrived at command_ns on the host's monotonic clock. fresh: whether commands arrived
-    since it was set to False. undriven: number of the last commands, out of `motors`, that the agent does not give and
-    that stay 0. no_run: the latest status without a run; a delayed status of the run may follow it.
+    since it was set to False. clock_stepped: likewise for a step of the agent's clock. undriven: number of the last
+    commands, out of `motors`, that the agent does not give and that stay 0. no_run: the latest status without a run; a
+    delayed status of the run may follow it.
     """
 
     def __init__(
@@ -103,6 +104,7 @@ class AgentInbox:
         self.command_ns = 0
         self.answered_tick = -1
         self.fresh = False
+        self.clock_stepped = False
         self.no_run: Any = None
         self._name = name
         self._speaker = _SPEAKERS.get(name, f"{name} autopilot")
@@ -214,6 +216,7 @@ class AgentInbox:
             self._recorder.write(self._now_ns(), clock)
         before, self._clock = self._clock, clock
         if before is not None and clock.steps > before.steps:
+            self.clock_stepped = True
             step_s = clock.offset_s - before.offset_s
             self.say(dialect.MAV_SEVERITY_WARNING, "run", f"the clock of {clock.node} stepped by {step_s:+.3f} s")
 
