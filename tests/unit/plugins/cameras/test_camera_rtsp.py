@@ -6,6 +6,7 @@ import io
 import socket
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from io import BytesIO
 from typing import Any
 from urllib.parse import urlsplit
@@ -160,11 +161,12 @@ def test_other_bytes_end_the_connection(server: tuple[CameraStream, str], sent: 
     stream, address = server
     host, _, port = address.rpartition(":")
     with socket.create_connection((host, int(port)), PATIENCE_S) as client:
-        client.sendall(b"OPTIONS / RTSP/1.0\r\nCSeq: 1\r\n" + sent + b"\r\n\r\n")
-        client.sendall(b"nonsense\r\n\r\n")
         client.settimeout(PATIENCE_S)
-        while client.recv(1 << 12):
-            pass
+        with suppress(ConnectionError):  # an end with unread bytes resets the connection
+            client.sendall(b"OPTIONS / RTSP/1.0\r\nCSeq: 1\r\n" + sent + b"\r\n\r\n")
+            client.sendall(b"nonsense\r\n\r\n")
+            while client.recv(1 << 12):
+                pass
     wait_until(lambda: not stream.connections)
     assert stream.counts.refused == 1
 
