@@ -77,3 +77,4 @@ def test_a_step_of_the_agents_clock_is_logged_once() -> None:
         host_ns += 2_000_000
         one.handle([request])
     assert logged == [(4, "the clock of LC stepped by +0.500 s")]
+    assert one.clock_stepped

@@ -63,6 +63,18 @@ def test_an_agent_that_was_started_anew_has_no_run(reached: Reached) -> None:
     assert "it was restarted" in str(reached.tells(NONE))
 
 
+def test_an_agent_whose_clock_stepped_is_asked_for_its_run_though_it_is_not_silent(reached: Reached) -> None:
+    assert reached.tells(token_of(reached.connection)) is None
+    inbox = reached.connection.inbox
+    inbox.fresh = inbox.clock_stepped = True
+    reached.connection.watch()
+    (asked,) = reached.agent.receive()
+    assert asked.command == dialect.XITL_RUN_COMMAND_HELLO
+    inbox.fresh = True
+    reached.connection.watch()
+    assert reached.agent.receive() == []
+
+
 def test_an_agent_that_was_started_by_another_host_has_another(reached: Reached) -> None:
     said = str(reached.tells(token_of(reached.connection) % 254 + 2))
     assert "is in another run" in said
