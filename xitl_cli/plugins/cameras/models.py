@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy import float64
 from numpy.typing import NDArray
 
 from sim_core.environment.spec import Water
@@ -17,7 +16,7 @@ from sim_core.world.geometry import Mesh, moved
 from sim_core.world.rays import ScenePart
 from sim_core.world.river import RiverBed
 from xitl_cli.plugins.cameras.images import ObjectClass
-from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS, ground_colours
+from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS, ground_colours, linear_colour
 from xitl_cli.run.world.vessel_shape import (
     VesselPart,
     drawn_diameter_m,
@@ -91,13 +90,6 @@ class TriangleModel:
     objects: tuple[WorldObject, ...]
 
 
-def linear(colour: Sequence[float]) -> Array:
-    """Return linear red, green and blue of an sRGB colour (IEC 61966-2-1), all from 0 to 1."""
-    value = np.asarray(colour, dtype=float64)
-    result: Array = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return result
-
-
 def triangles(
     mesh: Mesh, colour: Sequence[float], kind: ObjectClass, number: int, pattern: float = 0.15
 ) -> NDArray[np.void]:
@@ -114,7 +106,7 @@ def triangles(
     normals = np.where((np.vecdot(smooth, flat[:, None]) > SMOOTH_COSINE)[..., None], smooth, flat[:, None])
     vertices = np.zeros(3 * len(corners), VERTEX)
     vertices["position"], vertices["normal"] = corners.reshape(-1, 3), normals.reshape(-1, 3)
-    vertices["colour"] = (*linear(colour), pattern)
+    vertices["colour"] = (*linear_colour(colour), pattern)
     vertices["id"], vertices["temperature"] = number, _TEMPERATURES_C[kind]
     return vertices
 

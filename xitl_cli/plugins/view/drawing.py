@@ -33,6 +33,7 @@ from xitl_cli.plugins.view.model import (
 )
 from xitl_cli.plugins.view.scene import plain_vessel
 from xitl_cli.plugins.view.shapes import SCREEN_WATER, WaterGrid, WaterResolution, heading_wxyz
+from xitl_cli.run.world.colours import linear_colour
 from xitl_cli.run.world.vessel_shape import propeller_mesh
 
 if TYPE_CHECKING:
@@ -43,8 +44,6 @@ MOST_POINTS = 30_000
 TRACK_STEP_M = 0.3
 LEVEL_STEP_M = 0.01
 """Change of the water level after which the water and the marks on it move."""
-GAMMA = 2.2
-"""Exponent from a colour in sRGB to a linear one."""
 WAKE_S, WAKE_STEP_S = 30.0, 0.5
 """Drawn length of a wake, and the time between two points of it."""
 TRACK_PIECE = 100
@@ -143,7 +142,7 @@ class SceneDrawing:
         self._water.colour(lighting.water)
         # Without reflections, muddy water would look like ground. So only look.js gives the water its own colour.
         drawn = self.scene.water.colour or lighting.water
-        self._look_water.position = tuple((part / 255.0) ** GAMMA for part in drawn)
+        self._look_water.position = linear_colour([part / 255.0 for part in drawn])
         self._tell_look()
 
     def _tell_look(self) -> None:

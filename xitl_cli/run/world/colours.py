@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
+from numpy import float64
 
 from sim_core.frames import Array
 from sim_core.world.debris import BodyKind
@@ -49,6 +51,14 @@ PAINTS: dict[str, Rgb] = {
     "green light": (0.1, 1.0, 0.3),
 }
 """Paints of vessels, of the floats of a log boom, and of lamps."""
+
+
+def linear_colour(colour: Sequence[float]) -> Array:
+    """Return linear red, green and blue of an sRGB colour (IEC 61966-2-1), all from 0 to 1."""
+    value = np.asarray(colour, dtype=float64)
+    result: Array = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return result
+
 
 GRASS: Rgb = (0.33, 0.43, 0.17)
 SHORE_M = 0.7
