@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import pytest
@@ -64,13 +65,14 @@ def test_an_agent_that_was_started_anew_has_no_run(reached: Reached) -> None:
 
 
 def test_an_agent_whose_clock_stepped_is_asked_for_its_run_though_it_is_not_silent(reached: Reached) -> None:
-    assert reached.tells(token_of(reached.connection)) is None
     inbox = reached.connection.inbox
-    inbox.fresh = inbox.clock_stepped = True
+    inbox.fresh, inbox.command_ns = True, time.monotonic_ns()
+    assert reached.tells(token_of(reached.connection)) is None
+    assert reached.agent.receive() == []
+    inbox.clock_stepped = True
     reached.connection.watch()
     (asked,) = reached.agent.receive()
     assert asked.command == dialect.XITL_RUN_COMMAND_HELLO
-    inbox.fresh = True
     reached.connection.watch()
     assert reached.agent.receive() == []
 
