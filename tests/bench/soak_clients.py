@@ -18,7 +18,7 @@ ANSWER_S = 30.0
 STEER_S = 2.0
 _ARMED, _AUTO = 128, 10
 _ARM, _MISSION_START = 400, 300
-_CAMERA = {
+VIEWER_CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),
     "position": (3.0, 3.0, 3.0),
@@ -30,6 +30,7 @@ _CAMERA = {
     "look_at": (0.0, 0.0, 0.0),
     "up_direction": (0.0, 0.0, 1.0),
 }
+"""Message of a browser that looks at the view."""
 
 
 class Client(threading.Thread):
@@ -239,7 +240,7 @@ class Viewer(Client):
                 self._address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, proxy=None
             ) as joined:
                 self.counts["connections"] += 1
-                joined.send(msgspec.msgpack.encode(_CAMERA))
+                joined.send(msgspec.msgpack.encode(VIEWER_CAMERA))
                 while not self.stopped and time.monotonic() < until_s:
                     try:
                         self.counts["bytes"] += len(joined.recv(timeout=1.0))

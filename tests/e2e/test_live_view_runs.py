@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from conftest import newest_time_s, unhurried
 
+from tests.bench.soak_clients import VIEWER_CAMERA
 from tests.chromium import CHROMIUM, launch_chromium
 from tests.patience import PATIENCE_S, wait_until
 
@@ -28,18 +29,6 @@ zstandard = pytest.importorskip("zstandard")
 connect = pytest.importorskip("websockets.sync.client").connect
 
 pytestmark = pytest.mark.slow
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (3.0, 3.0, 3.0),
-    "fov": 1.0,
-    "near": 0.1,
-    "far": 1000.0,
-    "image_height": 360,
-    "image_width": 640,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
 
 
 class Viewed:
@@ -243,7 +232,7 @@ def test_browsers_that_do_not_read_and_vanish_change_nothing(started: Callable[.
     joined = []
     for _ in range(10):
         one = connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, proxy=None)
-        one.send(msgspec.msgpack.encode(CAMERA))
+        one.send(msgspec.msgpack.encode(VIEWER_CAMERA))
         joined.append(one)
         # One that vanishes before its camera was read never looked; one that does not read for 40 s is closed.
         while b"GuiDropdownMessage" not in inflated(one.recv(timeout=PATIENCE_S)):
