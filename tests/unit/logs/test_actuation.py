@@ -10,7 +10,8 @@ import pytest
 
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.signals.receivers import GnssReceiver
-from xitl_cli.plugins.logs.analyses.actuation import battery_sags, gnss_drifts, velocity_jumped
+from xitl_cli.plugins.logs.analyses.actuation import battery_sags
+from xitl_cli.plugins.logs.analyses.gnss_drift import gnss_drifts, velocity_jumped
 
 S = 1_000_000_000
 
@@ -49,7 +50,7 @@ def test_a_position_that_leaves_its_velocity_drifts_with_onset_rate_and_bearing(
     assert np.median([abs(drift.from_ns / S - 40.0) for drift in drifts]) < 0.5 / rate_mps
     assert np.median([abs(drift.until_ns / S - 80.0) for drift in drifts]) < 0.5 / rate_mps
     for drift in drifts:
-        assert drift.size == pytest.approx(rate_mps, rel=0.25)
+        assert drift.speed_mps == pytest.approx(rate_mps, rel=0.25)
         assert drift.bearing_deg == pytest.approx(bearing_deg, abs=10.0)
 
 
@@ -91,7 +92,7 @@ def test_a_velocity_that_changes_at_once_is_wrong_and_not_the_position() -> None
     (drift,) = gnss_drifts(wrong)
     assert drift.from_ns / S == pytest.approx(40.0, abs=0.5)
     assert drift.until_ns / S == pytest.approx(70.0, abs=0.5)
-    assert drift.size == pytest.approx(1.2, rel=0.1)
+    assert drift.speed_mps == pytest.approx(1.2, rel=0.1)
     assert velocity_jumped(wrong, drift)
     slid = receiver(1.2)
     (drift,) = gnss_drifts(slid)
@@ -115,13 +116,13 @@ def battery(drop_v: float, added_ohm: float = 0.0) -> tuple[np.ndarray, np.ndarr
 def test_a_voltage_that_falls_for_good_is_a_sag_with_onset_and_size() -> None:
     (sag,) = battery_sags(*battery(2.5))
     assert sag.from_ns / S == pytest.approx(60.0, abs=0.3)
-    assert sag.size == pytest.approx(2.5, rel=0.05)
+    assert sag.drop_v == pytest.approx(2.5, rel=0.05)
 
 
 def test_a_resistance_that_grows_is_a_sag_by_what_it_takes_at_the_current_then() -> None:
     (sag,) = battery_sags(*battery(0.0, added_ohm=0.08))
     assert sag.from_ns / S == pytest.approx(60.0, abs=0.5)
-    assert sag.size == pytest.approx(0.08 * 13.0, rel=0.4)  # 13 A at the mean, 8 to 18 as it swings
+    assert sag.drop_v == pytest.approx(0.08 * 13.0, rel=0.4)  # 13 A at the mean, 8 to 18 as it swings
 
 
 def test_a_battery_that_only_empties_under_changing_currents_does_not_sag() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -20,7 +20,7 @@ from xitl_cli.logs.signals.receivers import FIX_3D, FIX_NAMES, GnssReceiver, gns
 from xitl_cli.logs.signals.series import listed, numbers, significant
 from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows, rows_in_use
-from xitl_cli.plugins.logs.analyses.actuation import gnss_drifts
+from xitl_cli.plugins.logs.analyses.gnss_drift import GnssDrift, gnss_drifts, velocity_jumped, wrong_velocity
 from xitl_cli.plugins.logs.analyses.sensor_faults import switched_off
 
 _RTK = 5
@@ -138,7 +138,10 @@ def motion_section(receiver: GnssReceiver, clock: LogClock) -> Section:
         if np.count_nonzero(known) >= 10:
             length = np.where(known, np.hypot(strayed[:, 0], strayed[:, 1]), np.nan)
             if not findings:  # a constant position contradicts any velocity
-                findings += _bias(receiver, good, strayed, step_s, known, clock)
+                drifts = gnss_drifts(receiver)
+                wrong = (drift for drift in drifts if velocity_jumped(receiver, drift))
+                findings += [wrong_velocity(receiver, drift, clock) for drift in wrong]
+                findings += _bias(receiver, good, strayed, step_s, known, drifts, clock)
             findings += _jumps(receiver, good, length, moved, step_s, clock)
             noise = np.sqrt(np.nanmedian(np.diff(velocity, axis=0)[known] ** 2) / 2.0) / 0.6745
             off_m, noise_mps = significant(float(np.nanmedian(length))), significant(float(noise))
@@ -189,11 +192,19 @@ def _jumps(
 
 
 def _bias(
-    receiver: GnssReceiver, good: NDArray[np.intp], strayed: Floats, step_s: Floats, known: Flags, clock: LogClock
+    receiver: GnssReceiver,
+    good: NDArray[np.intp],
+    strayed: Floats,
+    step_s: Floats,
+    known: Flags,
+    drifts: Sequence[GnssDrift],
+    clock: LogClock,
 ) -> Iterator[Finding]:
-    """Velocities that differ from the positions for ten seconds; jumps are omitted."""
+    """Velocities that differ from the positions for ten seconds; jumps and drifts are omitted."""
     usual = 1.4826 * float(np.nanmedian(np.hypot(strayed[:, 0], strayed[:, 1])))
     calm = known & (np.nan_to_num(np.hypot(strayed[:, 0], strayed[:, 1])) < max(_JUMP_M, _SIGMAS * usual))
+    for drift in drifts:
+        calm &= (receiver.stamp_ns[good[1:]] < drift.from_ns) | (receiver.stamp_ns[good[1:]] > drift.until_ns)
     stamps = receiver.stamp_ns[good[1:]][calm]
     if len(stamps) < 10:
         return
@@ -209,16 +220,11 @@ def _bias(
         return
     worst = int(np.argmax(speed))
     at_ns = int(stamps[0] + numbers[worst] * int(_WINDOW_S * 1e9))
-    until_ns = at_ns + int(_WINDOW_S * 1e9)
-    for drift in gnss_drifts(receiver):  # a window begins at any time, a drift where it begins
-        if drift.from_ns < until_ns and at_ns < drift.until_ns:
-            at_ns, until_ns = drift.from_ns, drift.until_ns
-            break
     yield Finding.warning(
         "gnss.velocity_off",
-        f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off the change of its positions, from "
-        f"{clock.text(at_ns)} to {clock.text(until_ns)}",
-        (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, until_ns),),
+        f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off the change of its positions, over ten seconds "
+        f"from {clock.text(at_ns)}",
+        (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, at_ns + int(_WINDOW_S * 1e9)),),
         "Check the receiver's dynamic model and configuration; the estimator trusts both.",
     )
 
