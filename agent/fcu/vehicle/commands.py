@@ -22,7 +22,7 @@ from agent.fcu.mission import (
 )
 from agent.fcu.parameters import OUTPUTS, Parameters
 from agent.fcu.vehicle import modes
-from agent.fcu.vehicle.mission_progress import LEAST_SPEED_MPS, passed_over
+from agent.fcu.vehicle.mission_progress import COMPLETE, LEAST_SPEED_MPS, passed_over
 from agent.fcu.vehicle.navigation import (
     POSITION,
     GuidedTarget,
@@ -153,10 +153,15 @@ class OperatorCommands:
             self._switch_mode(modes.HOLD)
 
     def start_mission(self) -> str:
-        """Switch to AUTO from the first waypoint. The vessel moves once it is armed."""
+        """Switch to AUTO from the first waypoint. The vessel moves once it is armed.
+
+        A mission under way continues: ground stations repeat a command whose answer was lost.
+        """
+        progress = self._navigator.progress
+        under_way = self._state.armed and self._state.mode == modes.AUTO and progress.state != COMPLETE
         refused = self._set_mode(modes.AUTO)
-        if not refused:
-            self._navigator.progress.restart()
+        if not refused and not under_way:
+            progress.restart()
         return refused
 
     def set_current(self, seq: int) -> str:

@@ -52,6 +52,27 @@ def sailing() -> tuple[MavlinkChannel, Boat]:
     return channel, boat
 
 
+def test_a_repeated_start_continues_the_mission() -> None:
+    """Ground stations repeat a command whose answer was lost."""
+    channel, boat = sailing()
+    autopilot, sensors = channel.autopilot, Sensors(1, Noise())
+
+    def item_after_start() -> int:
+        ack = channel.handle(command(mav.MAV_CMD_MISSION_START), boat.time_ns)[0]
+        assert ack.result == mav.MAV_RESULT_ACCEPTED
+        sail(boat, sensors, autopilot, 0.1, lambda _: False)
+        return autopilot.navigator.progress.current
+
+    autopilot.commands.set_mission(
+        make_mission([waypoint(LAT_DEG + north_deg, LON_DEG) for north_deg in (0.0, 0.001, 0.002)])
+    )
+    autopilot.set_mode(modes.AUTO)
+    assert autopilot.commands.set_current(2) == ""
+    assert item_after_start() == 2
+    autopilot.set_mode(modes.HOLD)
+    assert item_after_start() == 1
+
+
 def test_samples_arrive_in_si_units() -> None:
     """A second autopilot fed through messages ends where one fed directly does."""
     boat, sensors = Boat(), Sensors(1, Noise())
