@@ -162,7 +162,6 @@ _LEAST_S = 20.0
 _MOVING = 0.05
 _FACTOR = 1.6  # between a right unit with noise, and knots
 _CHECK_STEP_S, _CHECKED_OVER = 0.5, 9
-_RECORD_OUTPUTS = "record RCOU (LOG_BITMASK bit 10, RC output) or SERVO_OUTPUT_RAW"
 
 
 def check_recording(recording: Recording, commands: int) -> Recording:
