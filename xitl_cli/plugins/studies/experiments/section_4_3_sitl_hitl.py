@@ -31,7 +31,6 @@ from xitl_cli.plugins.studies.experiments.figures import OTHER, OURS, mark_paper
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from xitl_cli.mapping.rebuild import Measured
@@ -258,7 +257,15 @@ def loop_side(name: str, directory: Path) -> LoopSide:
     """Read the data of a run from both its logs."""
     log_path = directory / "autopilot.bin"
     with open_log(directory / "run.mcap") as run, open_log(log_path if log_path.exists() else run.path) as log:
-        begun_s = _mission_s(log)
+        armed = signals.armed(log)
+        starts = [
+            max(mode.from_ns, span.from_ns)
+            for mode in signals.modes(log)
+            if mode.text.upper() == "AUTO"
+            for span in armed
+            if span.from_ns < mode.until_ns and mode.from_ns < span.until_ns
+        ]
+        begun_s = min(starts) * 1e-9 if starts else None
         return LoopSide(
             name,
             true_path_ne_m(run),
@@ -315,19 +322,6 @@ def _placed(measured: Measured, began_ns: int, points_odom_m: Any) -> Floats:
     pose = at(measured.truth, np.array([began_ns], dtype=np.int64))
     ned: Floats = points_odom_m @ quat_to_matrix(pose.quat_wxyz)[0].T + pose.pos_m[0]
     return ned
-
-
-def _mission_s(log: Log) -> float | None:
-    """Return the time of its first autonomous navigation while armed."""
-    armed = signals.armed(log)
-    starts = [
-        max(mode.from_ns, span.from_ns)
-        for mode in signals.modes(log)
-        if mode.text.upper() == "AUTO"
-        for span in armed
-        if span.from_ns < mode.until_ns and mode.from_ns < span.until_ns
-    ]
-    return min(starts) * 1e-9 if starts else None
 
 
 def _from(series: TimeSeries | None, begun_s: float | None) -> TimeSeries | None:
@@ -561,22 +555,26 @@ def _draw_maps(figure: Figure, maps: Sequence[BoomMap]) -> None:
         for axes, words, points in zip(
             panels[row], ("online", "offline"), (one.online_ned_m, one.offline_ned_m), strict=True
         ):
-            _draw_map(axes, points, one.boom_ne_m, _COLOURS[one.name])
+            (low_n, low_e), (high_n, high_e) = (pick(np.array(WAYPOINTS_NE_M), axis=0) for pick in (np.min, np.max))
+            inside = (points[:, 0] > low_n - 30) & (points[:, 0] < high_n + 40)
+            inside &= (points[:, 1] > low_e - 30) & (points[:, 1] < high_e + 40)
+            shown = points[inside][:: max(1, int(inside.sum()) // _HIGHEST_MAP)]
+            axes.scatter(
+                shown[:, 1],
+                shown[:, 0],
+                s=0.6,
+                c=_COLOURS[one.name],
+                linewidths=0,
+                rasterized=True,
+                label="points of the map",
+            )
+            axes.plot(one.boom_ne_m[:, 1], one.boom_ne_m[:, 0], color="black", linewidth=0.7, label="true boom")
+            axes.set_xlim(low_e - 30, high_e + 40)
+            axes.set_ylim(low_n - 30, high_n + 40)
+            axes.set_aspect("equal", adjustable="box")
             axes.set_title(f"{one.name.upper()}, {words}")
     for axes in panels[-1]:
         axes.set_xlabel("east (m)")
     for axes in panels[:, 0]:
         axes.set_ylabel("north (m)")
     panels[0, 0].legend(loc="upper left")
-
-
-def _draw_map(axes: Axes, points_ned_m: Floats, boom_ne_m: Floats, colour: str) -> None:
-    (low_n, low_e), (high_n, high_e) = (pick(np.array(WAYPOINTS_NE_M), axis=0) for pick in (np.min, np.max))
-    inside = (points_ned_m[:, 0] > low_n - 30) & (points_ned_m[:, 0] < high_n + 40)
-    inside &= (points_ned_m[:, 1] > low_e - 30) & (points_ned_m[:, 1] < high_e + 40)
-    shown = points_ned_m[inside][:: max(1, int(inside.sum()) // _HIGHEST_MAP)]
-    axes.scatter(shown[:, 1], shown[:, 0], s=0.6, c=colour, linewidths=0, rasterized=True, label="points of the map")
-    axes.plot(boom_ne_m[:, 1], boom_ne_m[:, 0], color="black", linewidth=0.7, label="true boom")
-    axes.set_xlim(low_e - 30, high_e + 40)
-    axes.set_ylim(low_n - 30, high_n + 40)
-    axes.set_aspect("equal", adjustable="box")

@@ -135,28 +135,24 @@ def draw_graphs(figure: Figure, indices: Sequence[ComputedIndex]) -> None:
     """Draw index panel per graph, and index with the legend."""
     panels = figure.subplots(3, 3).flat
     for index, axes in zip(indices, panels, strict=False):
-        _draw_graph(axes, index)
+        graph, at = index.computed.graph, {}
+        for vertex in graph.vertices:
+            angle = math.radians(_PLACES_DEG[vertex.name])
+            at[vertex.name] = (math.cos(angle), math.sin(angle))
+        links = graph.link_names()
+        referred = [] if index.reference is None else index.reference.link_names()
+        _draw_links(axes, at, [link for link in referred if link not in links], color="#c4c4c4", linestyle=":")
+        _draw_links(axes, at, links, color="#555555", linestyle="-")
+        for vertex in graph.vertices:
+            _draw_vertex(axes, vertex, *at[vertex.name], present=vertex.kind != "absent")
+        computed = index.computed
+        axes.set_title(
+            f"{index.printed.equation}: {index.printed.name}\n"
+            rf"$\bar{{d}}_w$ {computed.d_w_sim:.4g} of {computed.d_w_ref:.4g}"
+            f"\nWDRI {computed.wdri:.4f}, paper {index.printed.wdri:.2f}"
+        )
+        _bare(axes)
     _draw_legend(list(figure.axes)[len(indices)])
-
-
-def _draw_graph(axes: Axes, index: ComputedIndex) -> None:
-    graph, at = index.computed.graph, {}
-    for vertex in graph.vertices:
-        angle = math.radians(_PLACES_DEG[vertex.name])
-        at[vertex.name] = (math.cos(angle), math.sin(angle))
-    links = graph.link_names()
-    referred = [] if index.reference is None else index.reference.link_names()
-    _draw_links(axes, at, [link for link in referred if link not in links], color="#c4c4c4", linestyle=":")
-    _draw_links(axes, at, links, color="#555555", linestyle="-")
-    for vertex in graph.vertices:
-        _draw_vertex(axes, vertex, *at[vertex.name], present=vertex.kind != "absent")
-    computed = index.computed
-    axes.set_title(
-        f"{index.printed.equation}: {index.printed.name}\n"
-        rf"$\bar{{d}}_w$ {computed.d_w_sim:.4g} of {computed.d_w_ref:.4g}"
-        f"\nWDRI {computed.wdri:.4f}, paper {index.printed.wdri:.2f}"
-    )
-    _bare(axes)
 
 
 def _draw_links(
