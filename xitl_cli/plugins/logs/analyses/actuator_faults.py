@@ -343,8 +343,13 @@ def actuator_faults(motion: VesselMotion) -> list[DetectedFault]:
     first = _Fit(motion, motion.commands)
     if len(first.rows) < _FEWEST_ROWS:
         return []
+    # Noise of both changes
+    scales: list[float] = []
+    columns = zip(first.command_columns(first.commands), first.motion_columns, strict=True)
+    for design, change in zip(map(np.hstack, columns), first.changes, strict=True):
+        residual = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
+        scales.append(1.4826 * float(np.median(np.abs(residual))) + 1e-9)
     # Choose the lag by the best fit with a fault: a fault that the model lacks makes a wrong lag look good.
-    scales = _scales(first)
     searches = [_Search(first.lagged(lag_s), scales) for lag_s in _LAGS_S]
     search = min(searches, key=_Search.least_squares)
     faults: list[DetectedFault] = []
@@ -412,16 +417,6 @@ def _joined(faults: Sequence[DetectedFault]) -> list[DetectedFault]:
         else:
             joined.append(fault)
     return joined
-
-
-def _scales(fit: _Fit) -> list[float]:
-    """Noise of both changes."""
-    scales = []
-    columns = zip(fit.command_columns(fit.commands), fit.motion_columns, strict=True)
-    for design, change in zip(map(np.hstack, columns), fit.changes, strict=True):
-        residual = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
-        scales.append(1.4826 * float(np.median(np.abs(residual))) + 1e-9)
-    return scales
 
 
 @dataclass(frozen=True, slots=True)
