@@ -183,7 +183,7 @@ def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
     if of == "truth":
         return first_series(
             log,
-            lambda log: _true_ground_speed(log),
+            _true_ground_speed,
             lambda log: unless_stray(log, _estimated_ground_speed(log, "SIM2")),
             partial(px4.ground_speed, of="truth"),
             partial(_foreign_speed, of="truth"),

@@ -298,14 +298,14 @@ def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
         return read_tasks(VehicleFiles(vehicle), url)
 
 
-def read_tasks(files: VehicleFiles, url: str) -> str:
+def read_tasks(files: VehicleFiles, url: str, again_s: float = _ASK_AGAIN_S) -> str:
     """Return the file once it lists tasks, which begins with the vehicle's next PM record, up to 10 s later."""
     from agent.mavlink.ftp import FtpRefusedError, read_file
     from xitl_cli.logs.model.system_files import TASKS_MOST_BYTES, TASKS_PATH, parse_tasks
 
     for attempt in range(_TRIES):
         if attempt:
-            time.sleep(_ASK_AGAIN_S)
+            time.sleep(again_s)
         try:
             text = files.run(read_file(TASKS_PATH, TASKS_MOST_BYTES)).decode("utf-8", "replace")
         except FtpRefusedError as refusal:

@@ -278,7 +278,13 @@ class RtpsServices:
                 if now_s >= self._next_s:
                     self._next_s = now_s + ANNOUNCED_S[0 if self.announced < FIRST_ANNOUNCEMENTS else 1]
                     self.announced += 1
-                    self._announce()
+                    # Announce to the group, and to each known participant, which may not receive the group.
+                    base = 7400 + 250 * self._domain
+                    self._send([(GROUP, base)], [self._announcement()])
+                    to = dict.fromkeys(place for remote in self.remotes.values() for place in remote.meta)
+                    if self._local:
+                        to |= dict.fromkeys((LOOPBACK, base + 10 + 2 * number) for number in LOCAL_PARTICIPANTS)
+                    self._send(list(to), [self._announcement()])
                 if now_s >= self._beat_s:
                     self._beat_s = now_s + HEARTBEAT_S
                     for remote in [gone for gone in self.remotes.values() if now_s - gone.heard_s > gone.lease_s]:
@@ -323,15 +329,6 @@ class RtpsServices:
                 continue
 
     # Discovery
-
-    def _announce(self) -> None:
-        """Announce to the group, and to each known participant, which may not receive the group."""
-        base = 7400 + 250 * self._domain
-        self._send([(GROUP, base)], [self._announcement()])
-        to = dict.fromkeys(place for remote in self.remotes.values() for place in remote.meta)
-        if self._local:
-            to |= dict.fromkeys((LOOPBACK, base + 10 + 2 * number) for number in LOCAL_PARTICIPANTS)
-        self._send(list(to), [self._announcement()])
 
     def _announcement(self) -> bytes:
         place = rtps.locator(self._address, self.port)

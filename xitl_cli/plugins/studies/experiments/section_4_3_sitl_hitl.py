@@ -8,6 +8,7 @@ recording.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -266,6 +267,10 @@ def loop_side(name: str, directory: Path) -> LoopSide:
             if span.from_ns < mode.until_ns and mode.from_ns < span.until_ns
         ]
         begun_s = min(starts) * 1e-9 if starts else None
+        # Long loops of the autopilot's scheduler, or missed deadlines in the run's summary
+        table = log.tables.get("PM")
+        loops = 0 if table is None or "NLon" not in table.columns else int(np.sum(table.values("NLon", raw=True)))
+        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
         return LoopSide(
             name,
             true_path_ne_m(run),
@@ -279,7 +284,7 @@ def loop_side(name: str, directory: Path) -> LoopSide:
             tuple(_events(log)),
             time_series(column_series(log, "PM", "MaxT", "us", raw=True)),
             time_series(column_series(log, "PM", "Load", "%", factor=0.1, raw=True)),
-            _missed(log, directory),
+            loops + sum(int(task["missed"]) for task in summary.get("tasks") or ()),
             begun_s,
             tuple(
                 base
@@ -338,16 +343,6 @@ def _events(log: Log) -> Iterator[tuple[float, str]]:
 
     yield from ((at_ns * 1e-9, event_name(number)) for at_ns, number in event_rows(log))
     yield from ((mode.from_ns * 1e-9, f"mode {mode.text}") for mode in signals.modes(log))
-
-
-def _missed(log: Log, directory: Path) -> int:
-    """Return the long loops of the autopilot's scheduler, or the missed deadlines in the run's summary."""
-    import json
-
-    table = log.tables.get("PM")
-    loops = 0 if table is None or "NLon" not in table.columns else int(np.sum(table.values("NLon", raw=True)))
-    summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-    return loops + sum(int(task["missed"]) for task in summary.get("tasks") or ())
 
 
 def _compared(software: Path, hardware: Path) -> Comparison | None:
