@@ -648,32 +648,28 @@ def align_by_signal(reference: Log, log: Log) -> LogPlacement | None:
             break
     if sure:
         _, name, match = max(sure, key=lambda entry: entry[0])
-        return _correlated_placement(log, name, match)
+        assert log.span_ns is not None
+        about_ns, offset_ns, drift, error_s = offset_line(match, log.span_ns)
+
+        def to_reference(stamp_ns: Stamps) -> Stamps:
+            return stamp_ns + offset_ns + whole_ns(drift * (stamp_ns - about_ns).astype(np.float64))
+
+        parts = f" and in each of {len(match.parts)} parts of it" if len(match.parts) > 1 else ""
+        return placement_from(
+            log,
+            log.span_ns,
+            to_reference,
+            (),
+            error_s=error_s,
+            method="correlation",
+            sentence=f"by {name} in both, which correlates {match.peak:.2f} there{parts}, {match.rival:.2f} elsewhere",
+        )
     if doubtful:
         peak, name, match = max(doubtful, key=lambda entry: entry[0])
         if match.rival >= 0.85 * match.peak:
             return _not_aligned(log, f"{name} fits at more than one offset ({peak:.2f} and {match.rival:.2f})")
         return _not_aligned(log, f"{name} fits no better ({peak:.2f}) than by chance ({match.chance:.2f})")
     return None
-
-
-def _correlated_placement(log: Log, name: str, match: SignalMatch) -> LogPlacement:
-    assert log.span_ns is not None
-    about_ns, offset_ns, drift, error_s = offset_line(match, log.span_ns)
-
-    def to_reference(stamp_ns: Stamps) -> Stamps:
-        return stamp_ns + offset_ns + whole_ns(drift * (stamp_ns - about_ns).astype(np.float64))
-
-    parts = f" and in each of {len(match.parts)} parts of it" if len(match.parts) > 1 else ""
-    return placement_from(
-        log,
-        log.span_ns,
-        to_reference,
-        (),
-        error_s=error_s,
-        method="correlation",
-        sentence=f"by {name} in both, which correlates {match.peak:.2f} there{parts}, {match.rival:.2f} elsewhere",
-    )
 
 
 def _not_aligned(log: Log, why: str) -> LogPlacement:

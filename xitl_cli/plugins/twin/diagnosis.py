@@ -255,10 +255,7 @@ class Diagnosis:
         self._mean += (gain @ innovation[:, :, None])[:, :, 0]
         self._covariance -= gain @ seen @ self._covariance
         self._covariance = 0.5 * (self._covariance + self._covariance.transpose(0, 2, 1))
-        self._learn_noise()
-
-    def _learn_noise(self) -> None:
-        """Follow the size of the innovations, so that waves of any height give the same rate of false alarms."""
+        # Follow the size of the innovations, so that waves of any height give the same rate of false alarms.
         if self.count <= SETTLING:
             return
         squared = np.minimum((self.innovation / self.innovation_deviation) ** 2, _CLIPPED)

@@ -152,7 +152,22 @@ def draw_graphs(figure: Figure, indices: Sequence[ComputedIndex]) -> None:
             f"\nWDRI {computed.wdri:.4f}, paper {index.printed.wdri:.2f}"
         )
         _bare(axes)
-    _draw_legend(list(figure.axes)[len(indices)])
+    # The meaning of vertices and fillings
+    axes = list(figure.axes)[len(indices)]
+    rows = [
+        (Vertex("D", "real", 1.0), "real, weight 1"),
+        (Vertex("D", "virtual", 0.5), "virtual, weight 0.5"),
+        (Vertex("D", "virtual", 0.0), "there, weight 0 (eq 33)"),
+        (Vertex("D", "absent", 0.0), "absent"),
+    ]
+    for number, (vertex, words) in enumerate(rows):
+        y = 1.1 - 0.5 * number
+        _draw_vertex(axes, vertex, -1.1, y, present=vertex.kind != "absent")
+        axes.text(-0.8, y, words, va="center", fontsize=7.5)
+    lines = [f"{name}: {node_meaning(name)}" for name in ("D", "PS1", "M")]
+    lines += ["L, H: low and high level", "S, C, A: sensing, control,", " actuation"]
+    axes.text(-1.3, -0.9, "\n".join(lines), va="top", fontsize=7.5)
+    _bare(axes)
 
 
 def _draw_links(
@@ -188,24 +203,6 @@ def _paler(colour: str) -> tuple[float, ...]:
     from matplotlib.colors import to_rgb
 
     return tuple(0.7 + 0.3 * part for part in to_rgb(colour))
-
-
-def _draw_legend(axes: Axes) -> None:
-    """Draw the meaning of vertices and fillings."""
-    rows = [
-        (Vertex("D", "real", 1.0), "real, weight 1"),
-        (Vertex("D", "virtual", 0.5), "virtual, weight 0.5"),
-        (Vertex("D", "virtual", 0.0), "there, weight 0 (eq 33)"),
-        (Vertex("D", "absent", 0.0), "absent"),
-    ]
-    for number, (vertex, words) in enumerate(rows):
-        y = 1.1 - 0.5 * number
-        _draw_vertex(axes, vertex, -1.1, y, present=vertex.kind != "absent")
-        axes.text(-0.8, y, words, va="center", fontsize=7.5)
-    lines = [f"{name}: {node_meaning(name)}" for name in ("D", "PS1", "M")]
-    lines += ["L, H: low and high level", "S, C, A: sensing, control,", " actuation"]
-    axes.text(-1.3, -0.9, "\n".join(lines), va="top", fontsize=7.5)
-    _bare(axes)
 
 
 def _bare(axes: Axes) -> None:
