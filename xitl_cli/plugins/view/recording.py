@@ -477,7 +477,11 @@ def _surroundings(
         )
     water = scene.water
     if not recording.drawn:
-        water = _plain_water([vessel.track.pose for vessel in placed])
+        # Still water in the middle of the paths
+        places = np.concatenate([vessel.track.pose.position_enu_m for vessel in placed])
+        low, high = places.min(axis=0), places.max(axis=0)
+        east, north = ((low + high) / 2)[:2].tolist()
+        water = SceneWater(0.0, (east, north))
         notes.append(f"{lead.log.path.name}: has no scene; the water is drawn without banks and waves")
     elif not recording.profiles:
         notes.append(
@@ -499,13 +503,6 @@ def _drawn_missions(recording: _Recording, vessel: PlacedLog) -> tuple[MissionCh
         ned = LocalFrame(*origin).ned(*(np.array([value]) for value in own))[0]
         shift_enu_m = ned_to_enu(ned) + shift_enu_m
     return tuple(MissionChange(vessel.second(stamp_ns), places + shift_enu_m) for stamp_ns, places in plans)
-
-
-def _plain_water(poses: Sequence[PoseTrack]) -> SceneWater:
-    places = np.concatenate([pose.position_enu_m for pose in poses])
-    low, high = places.min(axis=0), places.max(axis=0)
-    east, north = ((low + high) / 2)[:2].tolist()
-    return SceneWater(0.0, (east, north))
 
 
 def _poses(table: Table, rows: NDArray[np.intp], seconds: Seconds) -> PoseTrack | None:

@@ -134,7 +134,15 @@ def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
         if not any(
             fault.from_ns < turn.until_ns and turn.from_ns < (fault.until_ns or turn.until_ns) for fault in faults
         ):
-            yield _of_unanswered(turn, driven[0], clock)
+            turned, commanded = ("starboard", "port") if turn.yaw_rate_radps > 0.0 else ("port", "starboard")
+            rate = f"{abs(np.degrees(turn.yaw_rate_radps)):.0f} deg/s"
+            yield Finding.warning(
+                "actuation.unanswered",
+                f"From {clock.text(turn.from_ns)} to {clock.text(turn.until_ns)} the vessel did not answer its "
+                f"commands: it turned to {turned} at {rate} while they were to {commanded}",
+                (Evidence(*_message_and_field(driven[0].series), turn.from_ns, turn.until_ns, rate),),
+                "Check the propellers, the rudders and their wires: is one reversed, without thrust or stuck?",
+            )
     for fault in faults:
         output = driven[fault.output]
         end_ns = fault.until_ns or int(motion.stamp_ns[-1])
@@ -154,18 +162,6 @@ def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
             (Evidence(*_message_and_field(output.series), fault.from_ns, end_ns, f"{fault.size:.2f}"),),
             "Check this propeller or rudder, its gear, its motor and its wires: it did not do what was commanded.",
         )
-
-
-def _of_unanswered(turn: UnansweredTurn, output: OutputChannel, clock: LogClock) -> Finding:
-    turned, commanded = ("starboard", "port") if turn.yaw_rate_radps > 0.0 else ("port", "starboard")
-    rate = f"{abs(np.degrees(turn.yaw_rate_radps)):.0f} deg/s"
-    return Finding.warning(
-        "actuation.unanswered",
-        f"From {clock.text(turn.from_ns)} to {clock.text(turn.until_ns)} the vessel did not answer its commands: it "
-        f"turned to {turned} at {rate} while they were to {commanded}",
-        (Evidence(*_message_and_field(output.series), turn.from_ns, turn.until_ns, rate),),
-        "Check the propellers, the rudders and their wires: is one reversed, without thrust or stuck?",
-    )
 
 
 def _as_if(fault: DetectedFault, output: OutputChannel) -> str:
