@@ -568,8 +568,8 @@ def _placed(reference: Log, log: Log) -> LogPlacement:
         about = {"error_s": chain.error_s, "method": chain.method, "sentence": chain.sentence}
         placement = placement_from(log, span_ns, chain.to_reference, chain.breaks_ns, **about)
         if _apart(reference, placement):
-            unchecked = unchecked or _with_sentence(
-                placement, f"{placement.sentence}; the logs do not overlap in time, so they are not of one run"
+            unchecked = unchecked or replace(
+                placement, sentence=f"{placement.sentence}; the logs do not overlap in time, so they are not of one run"
             )
             continue
         check = _check(reference, log, placement)
@@ -584,17 +584,17 @@ def _placed(reference: Log, log: Log) -> LogPlacement:
             length = f"{seconds * 1e6:.0f} us"
         else:
             length = f"{seconds * 1e3:.0f} ms" if seconds < 1.0 else f"{seconds:.1f} s"
-        return _with_sentence(placement, f"{placement.sentence}; {check.signal} of both agrees to {length}")
+        return replace(placement, sentence=f"{placement.sentence}; {check.signal} of both agrees to {length}")
     if unchecked is not None and unchecked.method == "UTC" and _apart(reference, unchecked):
         return unchecked
     correlated = align_by_signal(reference, log)
     if correlated is not None and correlated.aligned:
         doubt = "; its clock records contradict this, so it may be of another run of the same mission" if why else ""
-        return _with_sentence(correlated, correlated.sentence + doubt)
+        return replace(correlated, sentence=correlated.sentence + doubt)
     if unchecked is not None:
         if _apart(reference, unchecked):
             return unchecked
-        return _with_sentence(unchecked, f"{unchecked.sentence}; no shared signal could check it")
+        return replace(unchecked, sentence=f"{unchecked.sentence}; no shared signal could check it")
     why.append(
         correlated.sentence.removeprefix(NOT_ALIGNED)
         if correlated is not None
@@ -648,36 +648,28 @@ def align_by_signal(reference: Log, log: Log) -> LogPlacement | None:
             break
     if sure:
         _, name, match = max(sure, key=lambda entry: entry[0])
-        return _correlated_placement(log, name, match)
+        assert log.span_ns is not None
+        about_ns, offset_ns, drift, error_s = offset_line(match, log.span_ns)
+
+        def to_reference(stamp_ns: Stamps) -> Stamps:
+            return stamp_ns + offset_ns + whole_ns(drift * (stamp_ns - about_ns).astype(np.float64))
+
+        parts = f" and in each of {len(match.parts)} parts of it" if len(match.parts) > 1 else ""
+        return placement_from(
+            log,
+            log.span_ns,
+            to_reference,
+            (),
+            error_s=error_s,
+            method="correlation",
+            sentence=f"by {name} in both, which correlates {match.peak:.2f} there{parts}, {match.rival:.2f} elsewhere",
+        )
     if doubtful:
         peak, name, match = max(doubtful, key=lambda entry: entry[0])
         if match.rival >= 0.85 * match.peak:
             return _not_aligned(log, f"{name} fits at more than one offset ({peak:.2f} and {match.rival:.2f})")
         return _not_aligned(log, f"{name} fits no better ({peak:.2f}) than by chance ({match.chance:.2f})")
     return None
-
-
-def _correlated_placement(log: Log, name: str, match: SignalMatch) -> LogPlacement:
-    assert log.span_ns is not None
-    about_ns, offset_ns, drift, error_s = offset_line(match, log.span_ns)
-
-    def to_reference(stamp_ns: Stamps) -> Stamps:
-        return stamp_ns + offset_ns + whole_ns(drift * (stamp_ns - about_ns).astype(np.float64))
-
-    parts = f" and in each of {len(match.parts)} parts of it" if len(match.parts) > 1 else ""
-    return placement_from(
-        log,
-        log.span_ns,
-        to_reference,
-        (),
-        error_s=error_s,
-        method="correlation",
-        sentence=f"by {name} in both, which correlates {match.peak:.2f} there{parts}, {match.rival:.2f} elsewhere",
-    )
-
-
-def _with_sentence(placement: LogPlacement, sentence: str) -> LogPlacement:
-    return replace(placement, sentence=sentence)
 
 
 def _not_aligned(log: Log, why: str) -> LogPlacement:

@@ -378,7 +378,24 @@ def fit_relation(readings: ClockReadings) -> ClockRelation | None:
         piece = _piece(part)
         pieces.append(piece)
         residual_s[begin:end] = (part.offset_ns - piece.offset_at(part.first_ns)).astype(np.float64) * 1e-9
-    window_s, window_ns, window_ppm = _windows(readings, cuts)
+    # The rate in windows that contain no step
+    span_s = float(readings.first_ns[-1] - readings.first_ns[0]) * 1e-9
+    window_s = float(np.clip(span_s / WINDOWS, *WINDOW_S))
+    centres: list[int] = []
+    rates: list[float] = []
+    for begin, end in pairwise(cuts):
+        part = readings[begin:end]
+        which = ((part.first_ns - part.first_ns[0]) // round(window_s * 1e9)).astype(np.int64)
+        for number in np.unique(which):
+            inside = part[which == number]
+            covered_s = float(inside.first_ns[-1] - inside.first_ns[0]) * 1e-9
+            if len(inside) < IN_WINDOW or covered_s < 0.7 * window_s:
+                continue
+            about_ns = int(inside.first_ns[0]) + round(covered_s * 5e8)
+            slope, _ = _fit(inside.thinned(EXCHANGES), about_ns, int(inside.offset_ns[0]))
+            centres.append(about_ns)
+            rates.append(slope * 1e6)
+    window_ns, window_ppm = np.array(centres, dtype=np.int64), np.array(rates)
     # The lines on both sides give the size of a step better than single readings, if they have enough readings.
     sized: list[ClockStep] = []
     for step, (before, after) in zip(steps, pairwise(pieces), strict=True):
@@ -444,27 +461,6 @@ def _jackknife(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[fl
     span_s = float(readings.first_ns[-1] - readings.first_ns[0]) * 1e-9
     rounding_ppm = 1e6 * readings.resolution_s / np.sqrt(6.0) / max(span_s, 1e-9)  # of both ends, each uniform
     return max(error_ppm, float(rounding_ppm)), float(np.sqrt(factor * np.sum((values - values.mean()) ** 2)))
-
-
-def _windows(readings: ClockReadings, cuts: list[int]) -> tuple[float, Stamps, Floats]:
-    """Rate in windows that contain no step."""
-    span_s = float(readings.first_ns[-1] - readings.first_ns[0]) * 1e-9
-    window_s = float(np.clip(span_s / WINDOWS, *WINDOW_S))
-    centres: list[int] = []
-    rates: list[float] = []
-    for begin, end in pairwise(cuts):
-        part = readings[begin:end]
-        which = ((part.first_ns - part.first_ns[0]) // round(window_s * 1e9)).astype(np.int64)
-        for number in np.unique(which):
-            inside = part[which == number]
-            covered_s = float(inside.first_ns[-1] - inside.first_ns[0]) * 1e-9
-            if len(inside) < IN_WINDOW or covered_s < 0.7 * window_s:
-                continue
-            about_ns = int(inside.first_ns[0]) + round(covered_s * 5e8)
-            slope, _ = _fit(inside.thinned(EXCHANGES), about_ns, int(inside.offset_ns[0]))
-            centres.append(about_ns)
-            rates.append(slope * 1e6)
-    return window_s, np.array(centres, dtype=np.int64), np.array(rates)
 
 
 _known: WeakKeyDictionary[Log, tuple[ClockRelation, ...]] = WeakKeyDictionary()

@@ -201,7 +201,18 @@ def _from_recording(log: Log) -> Iterator[ClockReadings]:
     yield from exchanges
     if all(readings.key == "clocks.PS1" for readings in exchanges):  # exchanges measure a clock better than arrivals
         yield from _boot_clocks(log, SIMULATION if log.base == "simulation" else LOG)
-    yield from _header_stamps(log)
+    # Header stamps of messages against the time of recording, unless they are equal by construction
+    topics = 0
+    for name, table in log.tables.items() if log.base != "simulation" else ():
+        heavy = any(column.kind == "bytes" or -1 in column.shape for column in table.columns.values())
+        if STAMP not in table.columns or heavy or len(table) > LONGEST_TOPIC or topics == MOST_TOPICS:
+            continue
+        header_ns, at_ns = whole_numbers(table, STAMP), table.stamp_ns
+        if not len(at_ns) or not (at_ns - header_ns).any():
+            continue
+        topics += 1
+        names, fields = (f"header.{name}", f"stamps of {name}", LOG), f"{STAMP}, log_time"
+        yield ClockReadings(*names, at_ns, header_ns, at_ns, name, fields, late=True, resolution_s=1e-9)
 
 
 def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
@@ -234,21 +245,6 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
                 slack_s = max(float(np.nanmax(beyond_s, initial=0.0)), 0.0)
             readings = ClockReadings(key, HOST, clock, *read, True, floor_ns, resolution_s=1e-9, slack_s=slack_s)
             yield readings[good]
-
-
-def _header_stamps(log: Log) -> Iterator[ClockReadings]:
-    """Header stamps of messages against the time of recording, unless they are equal by construction."""
-    topics = 0
-    for name, table in log.tables.items() if log.base != "simulation" else ():
-        heavy = any(column.kind == "bytes" or -1 in column.shape for column in table.columns.values())
-        if STAMP not in table.columns or heavy or len(table) > LONGEST_TOPIC or topics == MOST_TOPICS:
-            continue
-        header_ns, at_ns = whole_numbers(table, STAMP), table.stamp_ns
-        if not len(at_ns) or not (at_ns - header_ns).any():
-            continue
-        topics += 1
-        clocks, fields = (f"header.{name}", f"stamps of {name}", LOG), f"{STAMP}, log_time"
-        yield ClockReadings(*clocks, at_ns, header_ns, at_ns, name, fields, late=True, resolution_s=1e-9)
 
 
 def _from_telemetry(log: Log) -> Iterator[ClockReadings]:

@@ -23,7 +23,13 @@ from xitl_cli.logs.compare.pairing import (
     time_integral,
     zero_ns,
 )
-from xitl_cli.logs.compare.trajectories import Alignment, Trajectory, common_poses, moved_poses, trajectory_section
+from xitl_cli.logs.compare.trajectories import (
+    Alignment,
+    Trajectory,
+    align_trajectory,
+    common_poses,
+    trajectory_section,
+)
 from xitl_cli.logs.model.analysis import LogAnalysis, analysis_failure
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
@@ -274,7 +280,16 @@ def overlay(analysis: LogAnalysis, a: Log, b: Log, pairing: Pairing) -> Section 
         grids.append(Grid(f"{name}.both", f"{in_a.title} of both", ("fact", "unit", "A", "B", "B less A"), both))
     if alone:
         grids.append(Grid(f"{name}.alone", f"{in_a.title}, known of one log only", ("fact", "unit", "A", "B"), alone))
-    plots = _plots(in_a.plots, in_b.plots, pairing)
+    # Plots of both logs joined, then plots of only one log
+    of_b = {plot.key: plot for plot in in_b.plots}
+    drawn = []
+    for plot in in_a.plots:
+        lines, others = _named("A", plot), _named("B", of_b.pop(plot.key), pairing) if plot.key in of_b else ()
+        shared = {trace.name[1:] for trace in lines} & {trace.name[1:] for trace in others}
+        traces = (trace for trace in (*lines, *others) if not shared or trace.name[1:] in shared)
+        drawn.append(replace(plot, traces=tuple(traces), marks=()))
+    only_b = (replace(plot, traces=_named("B", plot, pairing), marks=()) for plot in in_b.plots if plot.key in of_b)
+    plots = (*drawn, *only_b)
     lacks = tuple(f"A: {lack}" for lack in in_a.lacks) + tuple(f"B: {lack}" for lack in in_b.lacks)
     return Section(name, in_a.title, words, grids=tuple(grids), plots=plots, lacks=lacks)
 
@@ -299,19 +314,6 @@ def _less(a: Value, b: Value) -> float | int | None:
     if numbers and isinstance(a, int | float) and isinstance(b, int | float):
         return b - a if isinstance(a, int) and isinstance(b, int) else float(f"{b - a:.6g}")
     return None
-
-
-def _plots(a: tuple[Plot, ...], b: tuple[Plot, ...], pairing: Pairing) -> tuple[Plot, ...]:
-    """Plots of both logs joined, then plots of only one log."""
-    of_b = {plot.key: plot for plot in b}
-    drawn = []
-    for plot in a:
-        lines, others = _named("A", plot), _named("B", of_b.pop(plot.key), pairing) if plot.key in of_b else ()
-        shared = {trace.name[1:] for trace in lines} & {trace.name[1:] for trace in others}
-        traces = (trace for trace in (*lines, *others) if not shared or trace.name[1:] in shared)
-        drawn.append(replace(plot, traces=tuple(traces), marks=()))
-    alone = (replace(plot, traces=_named("B", plot, pairing), marks=()) for plot in b if plot.key in of_b)
-    return (*drawn, *alone)
 
 
 def _named(log: str, plot: Plot, pairing: Pairing | None = None) -> tuple[Trace, ...]:
@@ -392,7 +394,7 @@ def compare(
         pairing,
         zero,
         0.0 if a.span_ns is None else (zero - a.span_ns[0]) * 1e-9,
-        None if both is None else (both.a, moved_poses(both, align)[0]),
+        None if both is None else (both.a, align_trajectory(both.a, both.b, align)[0]),
         (*signals.armed(a), *precise_modes(a)),
     )
 

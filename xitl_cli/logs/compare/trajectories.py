@@ -178,14 +178,14 @@ def _relative(trajectory: Trajectory, pairs: NDArray[np.intp]) -> tuple[Floats, 
     return back @ turns[pairs[:, 1]], np.einsum("nij,nj->ni", back, moved)
 
 
-def tum_text(trajectory: Trajectory, decimals: int = 9) -> str:
+def tum_text(trajectory: Trajectory) -> str:
     """Lines `seconds x y z qx qy qz qw`, as evo reads them."""
     seconds = trajectory.stamp_ns // 1_000_000_000
     rest = trajectory.stamp_ns % 1_000_000_000
     quaternions = trajectory.quat_wxyz[:, (1, 2, 3, 0)]
     rows = zip(seconds.tolist(), rest.tolist(), trajectory.pos_m.tolist(), quaternions.tolist(), strict=True)
     return "".join(
-        f"{whole}.{part:09d} " + " ".join(f"{value:.{decimals}f}" for value in (*place, *turn)) + "\n"
+        f"{whole}.{part:09d} " + " ".join(f"{value:.9f}" for value in (*place, *turn)) + "\n"
         for whole, part, place, turn in rows
     )
 
@@ -292,13 +292,8 @@ _HIGH_M = 2.0
 _HIGH_SHARE = 3.0
 
 
-def moved_poses(poses: PosePair, how: Alignment) -> tuple[Trajectory, Similarity | None]:
-    """B as it is compared: aligned with A as requested."""
-    return align_trajectory(poses.a, poses.b, how)
-
-
 def trajectory_section(poses: PosePair, how: Alignment) -> Section:
-    b, moving = moved_poses(poses, how)
+    b, moving = align_trajectory(poses.a, poses.b, how)
     a = poses.a
     apart = b.pos_m - a.pos_m
     level_m = np.hypot(apart[:, 0], apart[:, 1])

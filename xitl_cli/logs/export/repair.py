@@ -58,7 +58,15 @@ def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
     file.
     """
     if isinstance(log, RecordingSet):
-        log = _damaged_part(log)
+        damaged = [part for part in log.parts if not part.examine()]
+        if len(damaged) > 1:
+            later = [part.path for part in damaged if part is not log.parts[0]]
+            named = ", ".join(part.path.name for part in damaged)
+            raise LogError(
+                f"{log.path}: {named} of this split recording are damaged; repair them one by one: first "
+                f"`xitl logs repair {later[0]}`, and put the repaired file in its place"
+            )
+        log = damaged[0] if damaged else log.parts[0]
     if not isinstance(log, McapLog):
         kinds = {"dataflash": "a DataFlash log", "tlog": "a telemetry log"}
         kind = kinds.get(log.format, "a bag of ROS")
@@ -78,16 +86,3 @@ def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
     with part_of(path, overwrite) as part, part.open("xb") as file:
         written = log.rewrite(file)
     return RepairResult(log.path, path, written, log.health)
-
-
-def _damaged_part(log: RecordingSet) -> McapLog:
-    """The damaged file of a split recording; the first file if all are whole. Raises LogError for several."""
-    damaged = [part for part in log.parts if not part.examine()]
-    if len(damaged) > 1:
-        later = [part.path for part in damaged if part is not log.parts[0]]
-        named = ", ".join(part.path.name for part in damaged)
-        raise LogError(
-            f"{log.path}: {named} of this split recording are damaged; repair them one by one: first "
-            f"`xitl logs repair {later[0]}`, and put the repaired file in its place"
-        )
-    return damaged[0] if damaged else log.parts[0]

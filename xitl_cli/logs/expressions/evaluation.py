@@ -133,8 +133,8 @@ def _none(units: Sequence[Unit]) -> Unit:
     return None
 
 
-def _always(unit: str) -> UnitRule:
-    return lambda units: unit
+def _radians(units: Sequence[Unit]) -> Unit:
+    return "rad"
 
 
 ELEMENTWISE: Mapping[str, Function] = {
@@ -150,10 +150,10 @@ ELEMENTWISE: Mapping[str, Function] = {
     "sin": Function(np.sin, _none, angles="rad"),
     "cos": Function(np.cos, _none, angles="rad"),
     "tan": Function(np.tan, _none, angles="rad"),
-    "asin": Function(np.arcsin, _always("rad")),
-    "acos": Function(np.arccos, _always("rad")),
-    "atan": Function(np.arctan, _always("rad")),
-    "atan2": Function(np.arctan2, _always("rad"), 2, 2),
+    "asin": Function(np.arcsin, _radians),
+    "acos": Function(np.arccos, _radians),
+    "atan": Function(np.arctan, _radians),
+    "atan2": Function(np.arctan2, _radians, 2, 2),
     "radians": Function(np.radians, lambda units: _converted(units[0], "deg", "rad"), angles="deg"),
     "degrees": Function(np.degrees, lambda units: _converted(units[0], "rad", "deg"), angles="rad"),
     "wrap180": Function(lambda x: _wrapped(x, 360.0, -180.0), same_unit, angles="deg"),

@@ -322,7 +322,12 @@ def _file(log: AlignedLog, name: str, analyses: Sequence[LogAnalysis], progress:
         try:
             section = analysis.section(log)
             if section is not None:
-                sections.append(_thinned(section))
+                # Thin the arrays, because the log is closed later
+                plots = (
+                    replace(plot, traces=tuple(thin(trace, over_time=plot.kind == "time") for trace in plot.traces))
+                    for plot in section.plots
+                )
+                sections.append(replace(section, plots=tuple[Plot, ...](plots)))
         except Exception as error:  # noqa: BLE001  the user still gets the other sections, and this as a failure
             failures.append(analysis_failure(analysis.name, error, analysis.package))
     vehicle = ""
@@ -347,12 +352,3 @@ def _file(log: AlignedLog, name: str, analyses: Sequence[LogAnalysis], progress:
 
 def _with_failure(file: FileReport, name: str, error: Exception) -> FileReport:
     return replace(file, failures=(*file.failures, analysis_failure(name, error)))
-
-
-def _thinned(section: Section) -> Section:
-    """A copy of the section with thinned arrays, because its log is closed later."""
-    plots = (
-        replace(plot, traces=tuple(thin(trace, over_time=plot.kind == "time") for trace in plot.traces))
-        for plot in section.plots
-    )
-    return replace(section, plots=tuple[Plot, ...](plots))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
+from xitl_cli.logs.model.sections import Finding, Section, Severity
 from xitl_cli.logs.report.causes import group_findings
 from xitl_cli.logs.report.file_report import FileReport, ReportedFiles
 from xitl_cli.logs.report.wording import SEVERITY_NAMES
@@ -92,19 +92,18 @@ def _finding(finding: Finding, time_line: TimeLine) -> dict[str, Any]:
         "severity": SEVERITY_NAMES[finding.severity],
         "sentence": finding.sentence,
         "next_step": finding.next_step,
-        "evidence": [_evidence(evidence, time_line) for evidence in finding.evidence],
-    }
-
-
-def _evidence(evidence: Evidence, time_line: TimeLine) -> dict[str, Any]:
-    return {
-        "message": evidence.message,
-        "field": evidence.field,
-        "at_ns": None if evidence.at_ns is None else int(evidence.at_ns),
-        "until_ns": None if evidence.until_ns is None else int(evidence.until_ns),
-        "at_s": None if evidence.at_ns is None else round(time_line.second(evidence.at_ns), 9),
-        "until_s": None if evidence.until_ns is None else round(time_line.second(evidence.until_ns), 9),
-        "value": evidence.value,
+        "evidence": [
+            {
+                "message": evidence.message,
+                "field": evidence.field,
+                "at_ns": None if evidence.at_ns is None else int(evidence.at_ns),
+                "until_ns": None if evidence.until_ns is None else int(evidence.until_ns),
+                "at_s": None if evidence.at_ns is None else round(time_line.second(evidence.at_ns), 9),
+                "until_s": None if evidence.until_ns is None else round(time_line.second(evidence.until_ns), 9),
+                "value": evidence.value,
+            }
+            for evidence in finding.evidence
+        ],
     }
 
 

@@ -11,7 +11,7 @@ from xitl_cli.logs.model.sections import Grid, Section, Severity
 from xitl_cli.logs.model.text import duration_text, plural, printable
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.causes import FindingGroup, group_findings
-from xitl_cli.logs.report.file_report import FileFinding, FileReport
+from xitl_cli.logs.report.file_report import FileFinding
 from xitl_cli.logs.report.model import Report
 
 _APART = 2
@@ -86,7 +86,19 @@ def show(console: Console, report: Report, *, sections: bool = True) -> None:
     tables."""
     several = len(report.files) > 1
     for file in report.files:
-        _head(console, file, several)
+        health = file.health
+        duration = "" if file.duration_s is None else duration_text(file.duration_s)
+        parts = (file.vehicle, duration, wording.FORMAT_NAMES[file.format])
+        line = _plain(file.name, style="bold")
+        line.append_text(_plain(f"  {', '.join(part for part in parts if part)}"))
+        line.append(", degraded" if health.degraded else ", whole", style="yellow" if health.degraded else "")
+        _hanging(console, "", "", line, indent=0)
+        for sentence in file.notes:
+            _hanging(console, "damage" if health.degraded else "note", "yellow", _plain(sentence))
+        if several and file.time_line.sentence:
+            _hanging(console, "time", "dim", _plain(file.time_line.sentence))
+        for failure in file.failures:
+            _hanging(console, "failed", "bold red", _plain(failure.sentence))
     groups = group_findings(report)
     fine = [placed for placed in report.findings if placed.finding.severity == Severity.OK]
     if report.findings:
@@ -110,22 +122,6 @@ def show(console: Console, report: Report, *, sections: bool = True) -> None:
             show_section(console, section, file.name if several else "")
     for lack in report.overview.lacks:
         _hanging(console, "lacks", "dim", _plain(wording.sentence_text(lack)))
-
-
-def _head(console: Console, file: FileReport, several: bool) -> None:
-    health = file.health
-    duration = "" if file.duration_s is None else duration_text(file.duration_s)
-    parts = (file.vehicle, duration, wording.FORMAT_NAMES[file.format])
-    line = _plain(file.name, style="bold")
-    line.append_text(_plain(f"  {', '.join(part for part in parts if part)}"))
-    line.append(", degraded" if health.degraded else ", whole", style="yellow" if health.degraded else "")
-    _hanging(console, "", "", line, indent=0)
-    for sentence in file.notes:
-        _hanging(console, "damage" if health.degraded else "note", "yellow", _plain(sentence))
-    if several and file.time_line.sentence:
-        _hanging(console, "time", "dim", _plain(file.time_line.sentence))
-    for failure in file.failures:
-        _hanging(console, "failed", "bold red", _plain(failure.sentence))
 
 
 def _group(console: Console, group: FindingGroup, several: bool) -> None:

@@ -23,6 +23,7 @@ FLAT = math.sqrt(2.0 * math.log(2.0) / math.pi)
 FEWEST_CLUSTERS = 9
 """Least number of averages at the longest time: 9 leave the deviation uncertain by 25 %."""
 
+_POINTS_PER_DECADE = 10
 _STARTS_PER_CLUSTER = 64
 _SLOPE_TOLERANCE = 0.15
 _DECADE_SPAN = 0.5  # a slope counts if it holds over half a decade
@@ -54,13 +55,11 @@ class ReadOff:
     """One standard deviation."""
     from_tau_s: float
     """Beginning of the part of the curve that is used."""
-    until_tau_s: float
-    """End of that part."""
     bound: bool = False
     """The record is too short to show the end of the process, so that the true value may be smaller."""
 
 
-def overlapping(values: NDArray[np.float64], period_s: float, points_per_decade: int = 10) -> AllanCurve:
+def overlapping(values: NDArray[np.float64], period_s: float) -> AllanCurve:
     """Overlapping Allan deviation of evenly spaced samples (N,); an empty curve with fewer than 18 samples.
 
     Clusters of up to 64 samples begin at every sample, longer ones 64 times per length. This costs no visible accuracy
@@ -76,7 +75,7 @@ def overlapping(values: NDArray[np.float64], period_s: float, points_per_decade:
     if longest < 2:
         sizes = np.empty(0, dtype=np.int64)
     else:
-        points = max(2, math.ceil(points_per_decade * math.log10(longest)) + 1)
+        points = max(2, math.ceil(_POINTS_PER_DECADE * math.log10(longest)) + 1)
         sizes = np.unique(np.rint(np.geomspace(1, longest, points)).astype(np.int64))
     # Subtract the mean first: the running sum stays small, and so does its rounding.
     angle = np.concatenate(([0.0], np.cumsum(values - values.mean()))) if samples else np.zeros(1)
@@ -114,9 +113,7 @@ def bias_instability(curve: AllanCurve) -> ReadOff | None:
         return None
     beyond = deviation[lowest + 1 :] > deviation[lowest] * (1.0 + error[lowest])
     bound = int(np.count_nonzero(beyond)) < 2
-    return ReadOff(
-        float(deviation[lowest] / FLAT), float(error[lowest]), float(tau_s[lowest]), float(tau_s[lowest]), bound
-    )
+    return ReadOff(float(deviation[lowest] / FLAT), float(error[lowest]), float(tau_s[lowest]), bound)
 
 
 def _by_slope(curve: AllanCurve, slope: float, factor: float) -> ReadOff | None:
@@ -143,7 +140,7 @@ def _by_slope(curve: AllanCurve, slope: float, factor: float) -> ReadOff | None:
     weights = curve.relative_error[part] ** -2
     level = float(np.average(y[part] - slope * x[part], weights=weights))
     error = float(np.average(curve.relative_error[part], weights=weights))  # as if the errors of all points were equal
-    return ReadOff(factor * 10.0**level, error, float(curve.tau_s[first]), float(curve.tau_s[last]))
+    return ReadOff(factor * 10.0**level, error, float(curve.tau_s[first]))
 
 
 def _widest(x: NDArray[np.float64], fits: NDArray[np.bool_]) -> tuple[int, int]:

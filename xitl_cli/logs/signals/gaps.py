@@ -67,8 +67,6 @@ class Regularity:
     inverse."""
     bursts: bool
     """Whether rows arrive in bursts."""
-    mean_period_s: float
-    """From the first stamp to the latest, by rows."""
     jitter_s: float
     """Half of the range of the middle 68 % of the steps."""
     gaps: int
@@ -119,7 +117,6 @@ def regularity(stamp_ns: NDArray[np.int64], period_s: float | None = None) -> Re
         rows=len(stamps),
         period_s=period_ns * 1e-9,
         bursts=bursts,
-        mean_period_s=float(stamps.max() - stamps[0]) * 1e-9 / (len(stamps) - 1),
         jitter_s=float(high - low) * 0.5e-9,
         gaps=len(wide),
         long_gaps=int(np.count_nonzero(wide.until_ns - wide.from_ns > LONG_GAP_PERIODS * period_ns)),

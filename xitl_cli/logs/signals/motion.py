@@ -183,17 +183,17 @@ def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
     if of == "truth":
         return first_series(
             log,
-            lambda log: _norm(log, "/truth/state", "velocity_ned_mps"),
-            lambda log: unless_stray(log, _hypot(log, "SIM2", "VN", "VE")),
+            _true_ground_speed,
+            lambda log: unless_stray(log, _estimated_ground_speed(log, "SIM2")),
             partial(px4.ground_speed, of="truth"),
             partial(_foreign_speed, of="truth"),
         )
     return first_series(
         log,
         px4.ground_speed,
-        lambda log: _hypot(log, "XKF1", "VN", "VE"),
-        lambda log: _hypot(log, "NKF1", "VN", "VE"),
-        lambda log: _hypot(log, "EKF1", "VN", "VE"),
+        lambda log: _estimated_ground_speed(log, "XKF1"),
+        lambda log: _estimated_ground_speed(log, "NKF1"),
+        lambda log: _estimated_ground_speed(log, "EKF1"),
         lambda log: column_series(log, "GPS", "Spd", "m/s"),
         lambda log: _odometry_speed(log, "/estimate/odometry"),
         lambda log: _telemetry(log, "VFR_HUD", "groundspeed", "m/s"),
@@ -385,19 +385,19 @@ def _true_yaw_rate(log: Log) -> Series | None:
     return make_series(table.stamp_ns, rates[:, 2] * _DEG, "deg/s", "/truth/state.angular_velocity_frd_radps[2]")
 
 
-def _norm(log: Log, name: str, field: str) -> Series | None:
-    table = log.tables.get(name)
-    if table is None or field not in table.columns:
+def _true_ground_speed(log: Log) -> Series | None:
+    table = log.tables.get("/truth/state")
+    if table is None or "velocity_ned_mps" not in table.columns:
         return None
-    values = table.values(field)
-    return make_series(table.stamp_ns, np.hypot(values[:, 0], values[:, 1]), "m/s", f"{name}.{field}")
+    values = table.values("velocity_ned_mps")
+    return make_series(table.stamp_ns, np.hypot(values[:, 0], values[:, 1]), "m/s", "/truth/state.velocity_ned_mps")
 
 
-def _hypot(log: Log, name: str, north: str, east: str) -> Series | None:
+def _estimated_ground_speed(log: Log, name: str) -> Series | None:
     table = rows_in_use(log, name)
-    if table is None or (parts := stacked_columns(table, (north, east))) is None:
+    if table is None or (parts := stacked_columns(table, ("VN", "VE"))) is None:
         return None
-    return make_series(table.stamp_ns, np.hypot(parts[:, 0], parts[:, 1]), "m/s", f"{name}.{north}, {east}")
+    return make_series(table.stamp_ns, np.hypot(parts[:, 0], parts[:, 1]), "m/s", f"{name}.VN, VE")
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,17 @@ def runs(flags: Flags) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+def join_runs(found: Sequence[tuple[int, int]], rows: int) -> list[tuple[int, int]]:
+    """Join runs that are fewer than `rows` rows apart."""
+    joined: list[tuple[int, int]] = []
+    for begin, after in found:
+        if joined and begin - joined[-1][1] < rows:
+            joined[-1] = joined[-1][0], after
+        else:
+            joined.append((begin, after))
+    return joined
+
+
 def held_spans(stamp_ns: Stamps, flags: Flags) -> list[tuple[int, int]]:
     """Begin and end (ns) of each run of true rows; a row lasts until the next row."""
     last = len(stamp_ns) - 1

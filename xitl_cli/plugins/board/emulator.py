@@ -273,10 +273,10 @@ def run_there(board: EmulatedBoard, words: list[str], limit_s: float) -> subproc
         return subprocess.CompletedProcess(command, 255, "", f"no answer within {limit_s:.0f} s")
 
 
-def shut_down(board: EmulatedBoard, limit_s: float = STOP_S) -> bool:
-    """Shut the board down. After the limit, cut its power and return False."""
-    run_there(board, ["systemctl", "poweroff"], limit_s)
-    end_s = time.monotonic() + limit_s
+def shut_down(board: EmulatedBoard) -> bool:
+    """Shut the board down. After STOP_S, cut its power and return False."""
+    run_there(board, ["systemctl", "poweroff"], STOP_S)
+    end_s = time.monotonic() + STOP_S
     while time.monotonic() < end_s:
         if running(board) is None:
             return True

@@ -52,7 +52,19 @@ exec setpriv --ambient-caps=-all "$@"
 def check_network(board: EmulatedBoard) -> None:
     """Raises UserError if a port of the board is in use, or its namespace cannot be made."""
     if board.network == NAMESPACE:
-        _check_namespace(board)
+        require(FOR_NAMESPACE, "a board in a separate network namespace")
+        otherwise = f"or start it with forwarded ports: xitl board start {board.name} --network {FORWARDED}"
+        try:
+            os.close(os.open(TUN, os.O_RDWR))
+        except OSError as error:
+            todo = "let this user read and write it" if isinstance(error, PermissionError) else "modprobe tun"
+            raise UserError(f"{board.name}: {TUN} cannot be opened ({error.strerror}); {todo}, {otherwise}") from None
+        checked_run(
+            started_in(board, ["true"]),
+            f"{board.name}: this machine cannot make a network namespace",
+            "start it as root, allow user namespaces (user.max_user_namespaces and, on Ubuntu, "
+            f"kernel.apparmor_restrict_unprivileged_userns of sysctl), {otherwise}",
+        )
         return
     for port in board.ports:
         for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
@@ -66,22 +78,6 @@ def check_network(board: EmulatedBoard) -> None:
                         f"{board.name}: another program uses port {port} of {board.address}; end it, or start the "
                         "board on other ports with --port N"
                     ) from None
-
-
-def _check_namespace(board: EmulatedBoard) -> None:
-    require(FOR_NAMESPACE, "a board in a separate network namespace")
-    otherwise = f"or start it with forwarded ports: xitl board start {board.name} --network {FORWARDED}"
-    try:
-        os.close(os.open(TUN, os.O_RDWR))
-    except OSError as error:
-        todo = "let this user read and write it" if isinstance(error, PermissionError) else "modprobe tun"
-        raise UserError(f"{board.name}: {TUN} cannot be opened ({error.strerror}); {todo}, {otherwise}") from None
-    checked_run(
-        started_in(board, ["true"]),
-        f"{board.name}: this machine cannot make a network namespace",
-        "start it as root, allow user namespaces (user.max_user_namespaces and, on Ubuntu, "
-        f"kernel.apparmor_restrict_unprivileged_userns of sysctl), {otherwise}",
-    )
 
 
 def is_reached(board: EmulatedBoard, pid: int) -> bool:

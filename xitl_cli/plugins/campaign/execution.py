@@ -210,7 +210,15 @@ class FreshRun:
 def memory_of_tree_mb(pid: int) -> float:
     """Return the resident memory of a process and its descendants, in megabytes (10^6 bytes)."""
     if not PROC.is_dir():
-        return _memory_by_psutil_mb(pid)
+        import psutil  # type: ignore[import-untyped]
+
+        size_bytes = 0
+        with contextlib.suppress(psutil.Error):
+            process = psutil.Process(pid)
+            for member in (process, *process.children(recursive=True)):
+                with contextlib.suppress(psutil.Error):
+                    size_bytes += member.memory_info().rss
+        return size_bytes / 1e6
     pages, left = 0, [pid]
     while left:
         process = left.pop()
@@ -220,18 +228,6 @@ def memory_of_tree_mb(pid: int) -> float:
             for thread in os.listdir(PROC / f"{process}/task"):  # noqa: PTH208 - names alone
                 left += map(int, (PROC / f"{process}/task/{thread}/children").read_text().split())
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def _memory_by_psutil_mb(pid: int) -> float:
-    import psutil  # type: ignore[import-untyped]
-
-    size_bytes = 0
-    with contextlib.suppress(psutil.Error):
-        process = psutil.Process(pid)
-        for member in (process, *process.children(recursive=True)):
-            with contextlib.suppress(psutil.Error):
-                size_bytes += member.memory_info().rss
-    return size_bytes / 1e6
 
 
 def _status(code: int, limit: str | None, summary: dict[str, Any] | None, folder: Path) -> tuple[str, str | None]:

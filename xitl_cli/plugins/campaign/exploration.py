@@ -127,7 +127,12 @@ def explore(search: Exploration) -> Generator[list[Place], Sequence[bool | None]
     ]
     failing = [place for place in failing if place != search.nominal]
     for place in sorted(failing, key=lambda failed: (math.dist(failed, search.nominal), failed))[:_CANDIDATES]:
-        place = _beyond(search.nominal, place)
+        # A place slightly farther from nominal, within the range of every axis
+        shares = [_BEYOND]
+        for share, place_share in zip(search.nominal, place, strict=True):
+            if place_share != share:
+                shares.append(((1.0 if place_share > share else 0.0) - share) / (place_share - share))
+        place = tuple(min(1.0, max(0.0, value)) for value in toward(search.nominal, place, max(1.0, min(shares))))
         along = yield from _bisect_toward(search, place, counted)
         if along.outcome in (Outcome.FOUND, Outcome.UNDECIDED) and not along.rising:
             return ended(along.outcome, along, place)
@@ -160,15 +165,6 @@ def _bisect_toward(
         except StopIteration as end:
             finding: BoundaryFinding = end.value
             return finding
-
-
-def _beyond(nominal: Place, place: Place) -> Place:
-    """Return a place slightly farther from nominal, within the range of every axis."""
-    shares = [_BEYOND]
-    for home, there in zip(nominal, place, strict=True):
-        if there != home:
-            shares.append(((1.0 if there > home else 0.0) - home) / (there - home))
-    return tuple(min(1.0, max(0.0, value)) for value in toward(nominal, place, max(1.0, min(shares))))
 
 
 def toward(start: Place, end: Place, share: float) -> Place:

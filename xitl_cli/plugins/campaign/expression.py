@@ -88,14 +88,30 @@ class Expression:
             case Name(path=path):
                 return values[path]
             case Junction(sign=sign, parts=parts):
-                return self._either(sign == "or", parts, values)
+                wanted = sign == "or"
+                known: bool | None = not wanted
+                for node in parts:
+                    found = self._evaluate(node, values)
+                    if found is not None and bool(found) is wanted:
+                        return wanted
+                    known = None if found is None else known
+                return known
             case Prefix(sign=sign, operand=operand):
                 inner = self._evaluate(operand, values)
                 if inner is None:
                     return None
                 return _PREFIXES[sign](inner)
             case ComparisonChain():
-                return self._compared(node, values)
+                left = self._evaluate(node.sides[0], values)
+                result: bool | None = True
+                for sign, side in zip(node.signs, node.sides[1:], strict=True):
+                    right = self._evaluate(side, values)
+                    if left is None or right is None:
+                        result = None
+                    elif not COMPARISONS[sign](left, right):
+                        return False
+                    left = right
+                return result
             case Arithmetic(sign=sign, left=left, right=right):
                 sides = [self._evaluate(left, values), self._evaluate(right, values)]
                 return None if None in sides else _SCALAR[sign](*sides)
@@ -103,27 +119,6 @@ class Expression:
                 numbers = [self._evaluate(one, values) for one in arguments]
                 return None if None in numbers else _called(function, numbers)
         raise AssertionError(node)
-
-    def _either(self, wanted: bool, nodes: Iterable[Tree], values: Mapping[str, Any]) -> bool | None:
-        known: bool | None = not wanted
-        for node in nodes:
-            found = self._evaluate(node, values)
-            if found is not None and bool(found) is wanted:
-                return wanted
-            known = None if found is None else known
-        return known
-
-    def _compared(self, node: ComparisonChain, values: Mapping[str, Any]) -> bool | None:
-        left = self._evaluate(node.sides[0], values)
-        result: bool | None = True
-        for sign, side in zip(node.signs, node.sides[1:], strict=True):
-            right = self._evaluate(side, values)
-            if left is None or right is None:
-                result = None
-            elif not COMPARISONS[sign](left, right):
-                return False
-            left = right
-        return result
 
 
 def _called(function: str, numbers: list[Any]) -> float | None:

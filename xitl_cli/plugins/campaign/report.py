@@ -193,11 +193,32 @@ def boundary_section(search: Search, findings: Sequence[SearchFinding]) -> Secti
         elif isinstance(result, BoundaryFinding):
             axis = search.ranges[0]
             sentences.append(boundary_sentence(search, result, axis.key, where, key))
-            grids.append(_points_grid(key, f"Pass rate along {axis.key}{where}", search, result))
+            rows = []
+            for at, runs, passed in _rows(result):
+                interval = wilson_interval(passed, runs, search.spec.confidence)
+                rows.append((short(at), runs, passed, round(passed / runs, 3), _interval_text(interval, "")))
+            unit = unit_of(search.ranges[0].key)
+            columns = (f"value ({unit})" if unit else "value", "runs", "passed", "rate", "interval (Wilson)")
+            grids.append(Grid(key, f"Pass rate along {axis.key}{where}", columns, tuple(rows)))
             plots.append(pictures.boundary(key, search, result, monotone_rates(result.counts, result.rising), where))
         else:
             sentences.append(exploration_sentence(search, result, where, key))
-            grids.append(_exploration_grid(key, search, result, where))
+            failing = [
+                point for point in result.points if point.runs and point.passed / point.runs < search.spec.pass_rate
+            ]
+            home = result.points[0].place
+            nearest = sorted(failing, key=lambda point: math.dist(point.place, home))[:_WORST]
+            nearest_rows = tuple(
+                (
+                    *(short(axis.value(share)) for axis, share in zip(search.ranges, point.place, strict=True)),
+                    round(math.dist(point.place, home), 3),
+                    point.runs,
+                    point.passed,
+                )
+                for point in nearest
+            )
+            heads = (*(axis.key for axis in search.ranges), "distance", "runs", "passed")
+            grids.append(Grid(key, f"Failing points nearest to nominal{where}", heads, nearest_rows))
     if len(search.ranges) == 1 and len(findings) > 1:
         plots.insert(0, pictures.boundaries(search, findings, [_group_text(group.group) for group in findings]))
     return Section("boundary", "Boundary of failure", (), tuple(sentences), tuple(grids), tuple(plots))
@@ -288,34 +309,6 @@ def _confidence_text(search: Search, interval: Interval, unit: str) -> str:
 def _place_text(search: Search, shares: Sequence[float]) -> str:
     axes = zip(search.ranges, shares, strict=True)
     return ", ".join(f"{axis.key} = {short(axis.value(share))} {unit_of(axis.key)}".rstrip() for axis, share in axes)
-
-
-def _points_grid(key: str, title: str, search: Search, found: BoundaryFinding) -> Grid:
-    rows = []
-    for at, runs, passed in _rows(found):
-        interval = wilson_interval(passed, runs, search.spec.confidence)
-        rows.append((short(at), runs, passed, round(passed / runs, 3), _interval_text(interval, "")))
-    unit = unit_of(search.ranges[0].key)
-    columns = (f"value ({unit})" if unit else "value", "runs", "passed", "rate", "interval (Wilson)")
-    return Grid(key, title, columns, tuple(rows))
-
-
-def _exploration_grid(key: str, search: Search, found: ExplorationFinding, where: str) -> Grid:
-    """Return the places nearest to nominal with a pass rate below the required one."""
-    failing = [point for point in found.points if point.runs and point.passed / point.runs < search.spec.pass_rate]
-    home = found.points[0].place
-    nearest = sorted(failing, key=lambda point: math.dist(point.place, home))[:_WORST]
-    rows = tuple(
-        (
-            *(short(axis.value(share)) for axis, share in zip(search.ranges, point.place, strict=True)),
-            round(math.dist(point.place, home), 3),
-            point.runs,
-            point.passed,
-        )
-        for point in nearest
-    )
-    columns = (*(axis.key for axis in search.ranges), "distance", "runs", "passed")
-    return Grid(key, f"Failing points nearest to nominal{where}", columns, rows)
 
 
 def sensitivity_section(table: ResultTable, spec: SensitivitySpec, places: Sequence[int]) -> Section:

@@ -174,14 +174,18 @@ def _lines(path: Path) -> Iterator[Row]:
                     row = json.loads(line)
                 except (ValueError, RecursionError):
                     continue
-                if line.endswith(b"\n") and isinstance(row, dict) and _is_row(row):
+                if (
+                    line.endswith(b"\n")
+                    and isinstance(row, dict)
+                    and (
+                        isinstance(row.get("number"), int)
+                        and isinstance(row.get("key"), str)
+                        and {"status", "passed"} <= row.keys()
+                    )
+                ):
                     yield row
     except FileNotFoundError:
         return
-
-
-def _is_row(row: Row) -> bool:
-    return isinstance(row.get("number"), int) and isinstance(row.get("key"), str) and {"status", "passed"} <= row.keys()
 
 
 @dataclass

@@ -307,8 +307,8 @@ def _sign_change_p_value(differences: Counts) -> float:
     return min(1.0, float(chances[sums >= distance].sum()))
 
 
-def clustered_rate_interval(passed: Sequence[bool], clusters: Sequence[Hashable], confidence: float = 0.95) -> Interval:
-    """Return Wilson's interval of a pass rate for runs that depend on each other within clusters, such as one seed.
+def clustered_rate_interval(passed: Sequence[bool], clusters: Sequence[Hashable]) -> Interval:
+    """Return Wilson's 95 % interval of a pass rate for runs that depend on each other in clusters, such as one seed.
 
     passed, clusters: (N,). Runs count as the effective number of independent ones (Korn and Graubard 1998). With a
     cluster for each run it is `wilson_interval`.
@@ -316,8 +316,8 @@ def clustered_rate_interval(passed: Sequence[bool], clusters: Sequence[Hashable]
     if not len(passed):
         return Interval(0.0, 1.0)
     values = np.asarray(passed, dtype=np.float64)
-    share = _effective_share(values, _cluster_numbers(clusters, len(values)), confidence)
-    return wilson_interval(share * float(values.sum()), share * len(values), confidence)
+    share = _effective_share(values, _cluster_numbers(clusters, len(values)), 0.95)
+    return wilson_interval(share * float(values.sum()), share * len(values))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

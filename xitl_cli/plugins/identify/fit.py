@@ -153,7 +153,12 @@ class _Problem:
         """Return columns without the part in the space of the initial states of their window."""
         result = columns.copy()
         for rows in self._rows:
-            basis = _orthonormal(local[rows] * self.weight[rows, None])
+            # An orthonormal basis of the columns, with columns of 0 where they depend on each other
+            of_states = local[rows] * self.weight[rows, None]
+            left, values, _ = np.linalg.svd(of_states, full_matrices=False)
+            kept = values > 1e-9 * max(float(values[0]), 1e-300)
+            basis = np.zeros_like(of_states)
+            basis[:, : len(values)] = left * kept
             result[rows] -= basis @ (basis.T @ columns[rows])
         return result
 
@@ -263,15 +268,6 @@ def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats
         own = code == number
         result[own] = of_quantity[name]()[own]
     return result
-
-
-def _orthonormal(columns: Floats) -> Floats:
-    """Return an orthonormal basis of columns, with columns of 0 where they depend on each other."""
-    left, values, _ = np.linalg.svd(columns, full_matrices=False)
-    kept = values > 1e-9 * max(float(values[0]), 1e-300)
-    basis = np.zeros_like(columns)
-    basis[:, : len(values)] = left * kept
-    return basis
 
 
 def fit(

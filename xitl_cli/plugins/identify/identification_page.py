@@ -8,7 +8,6 @@ from itertools import takewhile
 from pathlib import Path
 
 from xitl_cli.logs.model.sections import Finding, Grid, Plot, Section, Trace
-from xitl_cli.logs.report.wording import value_text
 from xitl_cli.logs.signals.series import rounded, significant
 from xitl_cli.plugins.identify.identification import Identification
 from xitl_cli.plugins.identify.prediction import SCORES
@@ -33,7 +32,29 @@ def vehicle_text(result: Identification, profile: Profile, extends: str, command
 
 def sections(result: Identification) -> list[Section]:
     """Return the sections of the page, the answers first."""
-    return [_parameters(result), _predictions(result), _surroundings(result)]
+    figures = Grid(
+        "figures", "Inertia and damping", ("figure", "value", "standard error", "unit"), tuple(figure_rows(result))
+    )
+    heads = ("key", "before", "identified", "standard error", "determined by")
+    keys = Grid("keys", "Keys of the vehicle", heads, tuple(key_rows(result)))
+    columns = ("window (s)", "model", "windows", *SCORES)
+    scores = Grid("scores", "Root mean square errors on the tested logs", columns, tuple(score_rows(result)))
+    rows = tuple(
+        (log, name, rounded(value, 4), rounded(sigma, 4), unit) for log, name, value, sigma, unit in result.nuisance
+    )
+    nuisance = Grid(
+        "nuisance", "Current, wind, biases and delays", ("log", "quantity", "value", "standard error", "unit"), rows
+    )
+    noise = tuple((name, significant(value, 3)) for name, value in result.noise.items())
+    return [
+        Section("vehicle", "Identified vehicle", findings=tuple(findings(result)), grids=(figures, keys)),
+        Section("predictions", "Predictions", grids=(scores,), plots=tuple(_plots(result))),
+        Section(
+            "surroundings",
+            "Surroundings and sensors",
+            grids=(nuisance, Grid("noise", "Noise", ("quantity", "σ"), noise)),
+        ),
+    ]
 
 
 def findings(result: Identification) -> list[Finding]:
@@ -118,21 +139,6 @@ def score_rows(result: Identification) -> list[tuple[str | float | int | None, .
     ]
 
 
-def _parameters(result: Identification) -> Section:
-    figures = Grid(
-        "figures", "Inertia and damping", ("figure", "value", "standard error", "unit"), tuple(figure_rows(result))
-    )
-    heads = ("key", "before", "identified", "standard error", "determined by")
-    keys = Grid("keys", "Keys of the vehicle", heads, tuple(key_rows(result)))
-    return Section("vehicle", "Identified vehicle", findings=tuple(findings(result)), grids=(figures, keys))
-
-
-def _predictions(result: Identification) -> Section:
-    heads = ("window (s)", "model", "windows", *SCORES)
-    grid = Grid("scores", "Root mean square errors on the tested logs", heads, tuple(score_rows(result)))
-    return Section("predictions", "Predictions", grids=(grid,), plots=tuple(_plots(result)))
-
-
 def _plots(result: Identification) -> Sequence[Plot]:
     shown = result.predictions[:_MOST_PLOTS]
     return [
@@ -151,21 +157,3 @@ def _plots(result: Identification) -> Sequence[Plot]:
         for number, own in enumerate(shown)
         for axis, (name, unit) in enumerate(_MOTIONS)
     ]
-
-
-def _surroundings(result: Identification) -> Section:
-    rows = tuple(
-        (log, name, rounded(value, 4), rounded(sigma, 4), unit) for log, name, value, sigma, unit in result.nuisance
-    )
-    grid = Grid(
-        "nuisance", "Current, wind, biases and delays", ("log", "quantity", "value", "standard error", "unit"), rows
-    )
-    noise = tuple((name, significant(value, 3)) for name, value in result.noise.items())
-    return Section(
-        "surroundings", "Surroundings and sensors", grids=(grid, Grid("noise", "Noise", ("quantity", "σ"), noise))
-    )
-
-
-def shown(value: str | float | int | None) -> str:
-    """Return a cell of the terminal."""
-    return value_text(value)

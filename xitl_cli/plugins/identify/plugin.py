@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 
 
 def _add(app: typer.Typer, name: str) -> None:
-    from xitl_cli.plugins.identify import sensors_command, vessel_command
+    from xitl_cli.plugins.identify import command
 
-    app.command("sensors")(sensors_command.sensors)
-    app.command("vessel")(vessel_command.vessel)
+    app.command("sensors")(command.sensors)
+    app.command("vessel")(command.vessel)
 
 
 COMMAND = Command("Identify a vessel and its sensors from logs.", _add, group=True)

@@ -164,7 +164,13 @@ def scores(predictor: Predictor, recordings: Sequence[Recording]) -> tuple[list[
         predicted = predictor.motions(windows)
         measured = measured_motion(windows, len(predicted["identified"]))
         for model in MODELS:
-            result.append(Score(model, horizon_s, len(windows), _errors(predicted[model] - measured)))
+            apart = predicted[model] - measured
+            velocity = np.sqrt(np.mean(apart[1:, :, 3:] ** 2, axis=(0, 1)))
+            position = np.sqrt(np.mean(np.sum(apart[-1, :, :2] ** 2, axis=1)))
+            heading = np.degrees(np.sqrt(np.mean(apart[-1, :, 2] ** 2)))
+            result.append(
+                Score(model, horizon_s, len(windows), (*map(float, velocity), float(position), float(heading)))
+            )
         if horizon_s >= HORIZONS_S[-2]:
             plots = [
                 Prediction(
@@ -177,13 +183,6 @@ def scores(predictor: Predictor, recordings: Sequence[Recording]) -> tuple[list[
                 for number in range(len(windows))
             ]
     return result, plots
-
-
-def _errors(apart: Floats) -> tuple[float, ...]:
-    velocity = np.sqrt(np.mean(apart[1:, :, 3:] ** 2, axis=(0, 1)))
-    position = np.sqrt(np.mean(np.sum(apart[-1, :, :2] ** 2, axis=1)))
-    heading = np.degrees(np.sqrt(np.mean(apart[-1, :, 2] ** 2)))
-    return (*map(float, velocity), float(position), float(heading))
 
 
 def surroundings_of(fitted: Fit, recordings: Sequence[Recording], water: Water, *, wind: bool) -> Fit:

@@ -162,7 +162,6 @@ _LEAST_S = 20.0
 _MOVING = 0.05
 _FACTOR = 1.6  # between a right unit with noise, and knots
 _CHECK_STEP_S, _CHECKED_OVER = 0.5, 9
-_RECORD_OUTPUTS = "record RCOU (LOG_BITMASK bit 10, RC output) or SERVO_OUTPUT_RAW"
 
 
 def check_recording(recording: Recording, commands: int) -> Recording:
@@ -186,12 +185,8 @@ def check_recording(recording: Recording, commands: int) -> Recording:
             f"{source}: the commands change by {spread.max(initial=0.0):.3f} of full; record steps of thrust and "
             "turns, as the profile identify-excitation has them"
         )
-    _check_units(recording, np.arange(first_s + 1.0, last_s - 1.0, _CHECK_STEP_S))
-    return recording
-
-
-def _check_units(recording: Recording, time_s: Floats) -> None:
-    """Compare each velocity with the slope of its integral. Raises UserError for another unit, axis or sign."""
+    # Compare each velocity with the slope of its integral, which shows another unit, axis or sign
+    time_s = np.arange(first_s + 1.0, last_s - 1.0, _CHECK_STEP_S)
     has = recording.channels
     if "yaw_rate" in has:
         slope = _rate({"yaw": has["yaw"]}, "yaw_rate", "yaw", time_s)
@@ -205,6 +200,7 @@ def _check_units(recording: Recording, time_s: Floats) -> None:
         other = "north, east and yaw" if of_body else "north and east"
         _compare(recording.source, "surge" if of_body else "vel_north, vel_east", other, motion[:, 3], along, 0.1)
         _compare(recording.source, "sway" if of_body else "vel_north, vel_east", other, motion[:, 4], across, 0.1)
+    return recording
 
 
 def _compare(source: str, name: str, other: str, values: Floats, slope: Floats, least: float) -> None:

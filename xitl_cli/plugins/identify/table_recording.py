@@ -121,7 +121,10 @@ def read_table(path: Path, columns: ColumnMap) -> Recording:
                 f"{path}: column {columns.wind_speed.column!r} has speeds from {speed.values.min():g} to "
                 f"{speed.values.max():g} m/s; correct the unit or the column of wind_speed"
             )
-        wind = _wind_ne_mps(speed, origin)
+        # Velocity of the air, north and east, from its speed and the direction that it comes from
+        wind_s = speed.time_s
+        cos, sin = (np.interp(wind_s, origin.time_s, part) for part in (np.cos(origin.values), np.sin(origin.values)))
+        wind = Samples(wind_s, -speed.values * cos), Samples(wind_s, -speed.values * sin)
     return Recording(str(path), channels, time_s[good], commands[good], wind)  # type: ignore[arg-type]
 
 
@@ -131,13 +134,6 @@ def _samples(path: Path, table: dict[str, list[str]], spec: ColumnSpec, time_s: 
     if np.count_nonzero(good) < 2:
         raise UserError(f"{path}: column {spec.column!r} has {np.count_nonzero(good)} numbers; check the column")
     return Samples(time_s[good], np.unwrap(values[good]) if unwrap else values[good])
-
-
-def _wind_ne_mps(speed: Samples, origin: Samples) -> tuple[Samples, Samples]:
-    """Return the velocity of the air, north and east, from its speed and the direction that it comes from."""
-    time_s = speed.time_s
-    cos, sin = (np.interp(time_s, origin.time_s, part) for part in (np.cos(origin.values), np.sin(origin.values)))
-    return Samples(time_s, -speed.values * cos), Samples(time_s, -speed.values * sin)
 
 
 def _columns(path: Path) -> dict[str, list[str]]:

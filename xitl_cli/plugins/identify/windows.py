@@ -127,7 +127,11 @@ class Simulator:
         starts: (R, 4) yaw, velocity ahead and to starboard, yaw rate. commands: (R, steps, C), see `Windows.commands`.
         wind_ne_mps: (R, steps, 2) relative to the water, see `Windows.wind`, or (R, 1, 2) for a steady wind.
         """
-        planar = _with_few_strips(spec)
+        # In still water, more than four strips along a hull hardly change trim and heel
+        hull = None if spec.hull is None else replace(spec.hull, strips=min(spec.hull.strips, _STRIPS))
+        planar = replace(
+            spec, hull=hull, hulls=tuple(replace(own, strips=min(own.strips, _STRIPS)) for own in spec.hulls)
+        )
         while True:
             try:
                 vessel = Vessel.from_spec(planar, self._water, self._step_s)
@@ -137,12 +141,6 @@ class Simulator:
                     raise UserError(f"the model cannot be simulated ({error}); begin with other values") from error
                 self._step_s *= 0.5
         return _simulated(vessel, starts, commands, wind_ne_mps)
-
-
-def _with_few_strips(spec: VesselSpec) -> VesselSpec:
-    """Return the vessel with at most four strips along a hull: in still water, more hardly change trim and heel."""
-    hull = None if spec.hull is None else replace(spec.hull, strips=min(spec.hull.strips, _STRIPS))
-    return replace(spec, hull=hull, hulls=tuple(replace(own, strips=min(own.strips, _STRIPS)) for own in spec.hulls))
 
 
 def _simulated(vessel: Vessel, starts: Floats, commands: Floats, wind_ne_mps: Floats) -> Floats:

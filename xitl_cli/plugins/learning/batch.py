@@ -66,7 +66,17 @@ class VesselBatch:
         threads: int = 1,
     ) -> None:
         """Raises UserError for a profile that a batch cannot simulate, and for an impossible control rate."""
-        _check(profile, control_rate_hz)
+        physics_hz = profile.clock.physics_rate_hz
+        debris = profile.world.debris
+        if control_rate_hz <= 0.0 or abs(physics_hz / control_rate_hz - round(physics_hz / control_rate_hz)) > 1e-9:
+            raise UserError(
+                f"{profile.name}: control_rate_hz = {control_rate_hz:g} must divide "
+                f"clock.physics_rate_hz = {physics_hz:g}"
+            )
+        if profile.faults:
+            raise UserError(f"{profile.name}: a learning environment has no faults; remove {', '.join(profile.faults)}")
+        if debris.launches or debris.encounters.count or debris.control:
+            raise UserError(f"{profile.name}: a learning environment has no debris; remove world.debris")
         check_sensors(profile, sensors)
         self.count = count
         self.commands = profile.vehicle.commands
@@ -193,8 +203,8 @@ class VesselBatch:
         """
         count = len(rows)
         places_ne_m, yaw_rad = self._starts(self._episodes, count)
-        _check_shape("start", "positions", np.asarray(places_ne_m), (count, 2))
-        _check_shape("start", "headings", np.asarray(yaw_rad), (count,))
+        _check_shape("positions", np.asarray(places_ne_m), (count, 2))
+        _check_shape("headings", np.asarray(yaw_rad), (count,))
         goal = np.asarray(self._goals(self._episodes, count), dtype=np.float64)
         if goal.ndim != 2 or len(goal) != count:
             raise ValueError(f"goal returned the shape {goal.shape} for {count} episodes; return ({count}, G)")
@@ -218,19 +228,6 @@ def _joined(parts: list[Array]) -> Array:
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-def _check_shape(name: str, what: str, values: Array, wanted: tuple[int, ...]) -> None:
+def _check_shape(what: str, values: Array, wanted: tuple[int, ...]) -> None:
     if values.shape != wanted:
-        raise ValueError(f"{name} returned {what} of the shape {values.shape}; return {wanted}")
-
-
-def _check(profile: RunProfile, control_rate_hz: float) -> None:
-    physics_hz = profile.clock.physics_rate_hz
-    debris = profile.world.debris
-    if control_rate_hz <= 0.0 or abs(physics_hz / control_rate_hz - round(physics_hz / control_rate_hz)) > 1e-9:
-        raise UserError(
-            f"{profile.name}: control_rate_hz = {control_rate_hz:g} must divide clock.physics_rate_hz = {physics_hz:g}"
-        )
-    if profile.faults:
-        raise UserError(f"{profile.name}: a learning environment has no faults; remove {', '.join(profile.faults)}")
-    if debris.launches or debris.encounters.count or debris.control:
-        raise UserError(f"{profile.name}: a learning environment has no debris; remove world.debris")
+        raise ValueError(f"start returned {what} of the shape {values.shape}; return {wanted}")

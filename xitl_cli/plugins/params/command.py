@@ -18,7 +18,6 @@ from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
-    from xitl_cli.plugins.params.check import ParameterFindings
     from xitl_cli.plugins.params.push import PushedParameter
 
 SourceArgument = Annotated[
@@ -178,7 +177,17 @@ def check(
     if as_json:
         _print_json({"source": source, "vehicle": vehicle, "firmware": version, **asdict(findings)})
     else:
-        _show_findings(version, findings)
+        from xitl_cli.params.values import format_value
+
+        console = terminal(soft_wrap=True)
+        console.print(version)
+        differs = [[row.name, format_value(row.wanted), format_value(row.kept)] for row in findings.differs]
+        show_rows(console, ("name", "wanted", "vehicle"), differs)
+        for missing in findings.absent:
+            console.print(
+                f"{missing.name} = {format_value(missing.wanted)}: {missing.sentence(format_value)}", markup=False
+            )
+        console.print(f"{findings.same} agree, {len(findings.differs)} differ, {len(findings.absent)} do not exist")
     raise typer.Exit(0 if findings.fine else 1)
 
 
@@ -208,20 +217,6 @@ def pull(
         _print_json({"vehicle": vehicle, "file": str(file), "count": len(parameters.values)})
     else:
         terminal(soft_wrap=True).print(f"{file}: {len(parameters.values)} parameters", markup=False)
-
-
-def _show_findings(version: str, findings: ParameterFindings) -> None:
-    from xitl_cli.params.values import format_value
-
-    console = terminal(soft_wrap=True)
-    console.print(version)
-    differs = [[row.name, format_value(row.wanted), format_value(row.kept)] for row in findings.differs]
-    show_rows(console, ("name", "wanted", "vehicle"), differs)
-    for missing in findings.absent:
-        console.print(
-            f"{missing.name} = {format_value(missing.wanted)}: {missing.sentence(format_value)}", markup=False
-        )
-    console.print(f"{findings.same} agree, {len(findings.differs)} differ, {len(findings.absent)} do not exist")
 
 
 def _report(

@@ -33,15 +33,17 @@ from xitl_cli.plugins.ros.camera_messages import (
 from xitl_cli.plugins.ros.definitions import deserialize, ros2_types, serialize
 from xitl_cli.plugins.ros.diagnostics import Diagnostics
 from xitl_cli.plugins.ros.frames import (
+    FRAMES,
     LIDAR_FRAME,
     RADAR_FRAME,
     SONAR_FRAME,
     FixedFrame,
+    GimbalFrames,
+    TurnedFrame,
     frame_name,
     named_frame,
     sensor_frames,
 )
-from xitl_cli.plugins.ros.gimbal_frames import FRAMES, GimbalFrames, TurnedFrame
 from xitl_cli.plugins.ros.outputs import (
     ANSWERS_LINK,
     DIAGNOSED,

@@ -138,7 +138,18 @@ class RosInputs:
         self._environment: dict[str, bytes] = {}
         self._spec = profiles[0].ros
         self._refusals = middleware.advertise(ros_name(self._spec.namespace, "", REFUSALS), _STRING, RELIABLE)
-        self._open_run_inputs()
+        lockstep = self._spec.lockstep
+        step_s = 0.1 if lockstep is None else lockstep.step_s
+        self._open(
+            "clicked_point",
+            "",
+            lambda m: {"action": "launch", "kind": "trunk"} | self._place(m.header.frame_id, m.point, ""),
+        )
+        for name, action in (("pause", {}), ("resume", {}), ("step", {"seconds": step_s})):
+            self._open(name, "", lambda m, request={"action": name, **action}: request)  # type: ignore[misc]
+        self._open("operator/ask", "", _action_of_json)
+        if lockstep is not None:
+            self._open(READY, "", self._on_ready)
         for profile in profiles:
             self._open_vessel_inputs(profile)
 
@@ -165,20 +176,6 @@ class RosInputs:
                 self._answered(node, stamp_ns)
         for stream in self._streams:
             stream.flush()
-
-    def _open_run_inputs(self) -> None:
-        lockstep = self._spec.lockstep
-        step_s = 0.1 if lockstep is None else lockstep.step_s
-        self._open(
-            "clicked_point",
-            "",
-            lambda m: {"action": "launch", "kind": "trunk"} | self._place(m.header.frame_id, m.point, ""),
-        )
-        for name, action in (("pause", {}), ("resume", {}), ("step", {"seconds": step_s})):
-            self._open(name, "", lambda m, request={"action": name, **action}: request)  # type: ignore[misc]
-        self._open("operator/ask", "", _action_of_json)
-        if lockstep is not None:
-            self._open(READY, "", self._on_ready)
 
     def _open_vessel_inputs(self, profile: RunProfile) -> None:
         vessel = profile.vessel

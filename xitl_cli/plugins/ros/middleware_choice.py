@@ -17,25 +17,25 @@ MOST_SHOWN = 120
 """Number of characters of an import error in messages."""
 
 
-def open_middleware(spec: RosSpec, node_name: str = NODE_NAME) -> Middleware:
+def open_middleware(spec: RosSpec) -> Middleware:
     """Open the middleware of the profile. Raises UserError if it is not available."""
     if spec.master is not None:
         from xitl_cli.plugins.ros.tcpros_middleware import TcprosMiddleware
 
-        return TcprosMiddleware(spec, node_name)
+        return TcprosMiddleware(spec, NODE_NAME)
     problem = None
     if ros2_way(spec) == "rclpy":
         problem = rclpy_problem()
         if problem is None:
             from xitl_cli.plugins.ros.rclpy_middleware import RclpyMiddleware
 
-            return RclpyMiddleware(spec, node_name)
+            return RclpyMiddleware(spec, NODE_NAME)
         if spec.way == "rclpy" or ROS2.missing:
             fix = f"run xitl in the Python of that ROS, or {ROS2.pip_line}"
             raise UserError(f"ros: rclpy cannot be imported ({problem}); {fix}")
     from xitl_cli.plugins.ros.cyclone_middleware import CycloneMiddleware
 
-    cyclone = CycloneMiddleware(spec, node_name)
+    cyclone = CycloneMiddleware(spec, NODE_NAME)
     if problem is not None:
         cyclone.name += f", since rclpy cannot be imported ({problem})"
     return cyclone

@@ -60,7 +60,16 @@ def vessel_panels(model: VesselSpec, rest: FloatingPose, panels: int) -> Panels:
     """Return about so many panels of the hulls. Raises ValueError if no hull is in the water."""
     size_m = model.length_m / 16.0
     for _ in range(4):
-        made = _panels_of_size(model, rest, size_m)
+        parts = [
+            _mesh_panels(hull, rest, size_m)
+            if hull.section is None
+            else _section_panels(hull, hull.section, rest, size_m)
+            for hull in model.demi_hulls
+        ]
+        hull, lid = (np.concatenate(part) for part in zip(*parts, strict=True))
+        if not len(hull):
+            raise ValueError("no hull is in the water")
+        made = Panels(hull, lid)
         size_m *= math.sqrt(len(made.hull) / panels)
     return made
 
@@ -257,17 +266,6 @@ def _is_symmetric(model: VesselSpec, rest: FloatingPose) -> bool:
     balance = sum(y for *_, y in sides)
     meshes = any(hull.mesh is not None for hull in model.demi_hulls)
     return not meshes and abs(balance) < 1e-9 and abs(rest.heel_rad) < 1e-6 and not model.inertia_products_kgm2[0]
-
-
-def _panels_of_size(model: VesselSpec, rest: FloatingPose, size_m: float) -> Panels:
-    parts = [
-        _mesh_panels(hull, rest, size_m) if hull.section is None else _section_panels(hull, hull.section, rest, size_m)
-        for hull in model.demi_hulls
-    ]
-    hull, lid = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if not len(hull):
-        raise ValueError("no hull is in the water")
-    return Panels(hull, lid)
 
 
 def _section_panels(hull: DemiHull, section: HullSection, rest: FloatingPose, size_m: float) -> tuple[Array, Array]:

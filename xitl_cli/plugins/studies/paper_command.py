@@ -227,7 +227,19 @@ def _write(console: Console, report: ExperimentReport, directory: Path, as_json:
 
     write_file(directory / TABLE, json.dumps(report.as_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     if not as_json:
-        _show(console, report)
+        from xitl_cli.experiment.report import told_text
+
+        console.print()
+        say(console, f"{report.section}: {report.title}", "bold")
+        for note in report.notes:
+            say(console, note)
+        console.print()
+        rows = [
+            [row.quantity, told_text(row.paper, row.unit), told_text(row.ours, row.unit), row.difference]
+            for row in report.rows
+        ]
+        show_rows(console, ("quantity", "paper", "ours", "difference"), rows, text=(0, 3))
+        console.print()
     if not report.figures:
         drawn = ""
     elif FIGURES.missing:
@@ -237,19 +249,3 @@ def _write(console: Console, report: ExperimentReport, directory: Path, as_json:
         drawn = ", ".join(path.name for path in write_figures(report, directory)) + ", "
     if not as_json:
         console.print(f"{directory}: {drawn}{TABLE}{', and the runs' if report.runs else ''}", markup=False)
-
-
-def _show(console: Console, report: ExperimentReport) -> None:
-    from xitl_cli.experiment.report import told_text
-
-    console.print()
-    say(console, f"{report.section}: {report.title}", "bold")
-    for note in report.notes:
-        say(console, note)
-    console.print()
-    rows = [
-        [row.quantity, told_text(row.paper, row.unit), told_text(row.ours, row.unit), row.difference]
-        for row in report.rows
-    ]
-    show_rows(console, ("quantity", "paper", "ours", "difference"), rows, text=(0, 3))
-    console.print()

@@ -126,9 +126,10 @@ class ModelBank:
         velocity, gyro = np.zeros((count, 3)), np.zeros((count, 3))
         velocity[:, :2], gyro[:, 2] = states[:, :2], states[:, 3]
         motion = replace(rest.motion, vel_ned_mps=velocity, gyro_frd_radps=gyro)
-        return VesselState(
-            motion, np.tile(self._rotor_speed, (count, 1)), None, _condition(thrust_share, self.vessel), rest.battery
-        )
+        commands = self.vessel.model.commands
+        battery = BatteryCondition(np.zeros(count), np.ones(count), np.zeros(count))
+        condition = Condition(np.ones((count, commands)), np.full((count, commands), np.nan), thrust_share, battery)
+        return VesselState(motion, np.tile(self._rotor_speed, (count, 1)), None, condition, rest.battery)
 
     def _run(
         self, step: MotionStep, states: Array, thrust: Array, current: Array, wind: Array, commands: Array
@@ -190,12 +191,6 @@ def _steppable(vehicle: VesselSpec, water: Water) -> tuple[Vessel, float]:
         except ValueError:
             continue
     return Vessel.from_spec(vehicle, water, _STEPS_S[-1]), _STEPS_S[-1]
-
-
-def _condition(thrust_share: Array, vessel: Vessel) -> Condition:
-    count, commands = len(thrust_share), vessel.model.commands
-    battery = BatteryCondition(np.zeros(count), np.ones(count), np.zeros(count))
-    return Condition(np.ones((count, commands)), np.full((count, commands), np.nan), thrust_share, battery)
 
 
 def _with_zero_down(horizontal: Array) -> Array:

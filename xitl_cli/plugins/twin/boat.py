@@ -155,7 +155,6 @@ class BoatTelemetry:
         self._outputs = outputs
         self._asked = system_id
         self._heard: Counter[int] = Counter()
-        self._first_s: dict[str, float] = {}
         self._series: dict[str, deque[tuple[float, ...]]] = {name: deque() for name in _NEEDED}
         self._boot_s = 0.0
         self._began_s: float | None = None

@@ -217,8 +217,14 @@ class Diagnosis:
         moved[4:MOTION] += nominal[4:MOTION]
         moved[MOTION + 4 : PREDICTED] += nominal[4:MOTION]
         self._mean = moved + (self._mean - nominal) @ step.T
-        # Noise: waves and gusts, outputs between messages, wandering parameters, the change of each filter's kind
-        driven = np.diag(_DRIVEN**2) * INTERVAL_S + self._of_outputs(unknown)
+        # Noise: waves and gusts, outputs between messages, wandering parameters, the change of each filter's kind.
+        # Outputs between messages: (6, 6), from unknown changes of velocity ahead and of yaw rate, (P, 2)
+        cosine, sine = math.cos(self._mean[0, 2]), math.sin(self._mean[0, 2])
+        ahead, turn = unknown.T
+        half = 0.5 * INTERVAL_S
+        columns = (cosine * ahead, sine * ahead, half * turn, turn, half * cosine * ahead, half * sine * ahead)
+        effect = np.stack(columns)
+        driven = np.diag(_DRIVEN**2) * INTERVAL_S + effect @ effect.T
         self._covariance = step @ self._covariance @ step.T
         self._covariance[:, :PREDICTED, :PREDICTED] += np.block([[driven, 0.5 * driven], [0.5 * driven, 0.4 * driven]])
         wander = np.tile(self._wander**2 * INTERVAL_S, (len(self._mean), 1))
@@ -230,18 +236,12 @@ class Diagnosis:
         diagonal = np.arange(PREDICTED, size)
         self._covariance[:, diagonal, diagonal] += wander
 
-    def _of_outputs(self, unknown: Array) -> Array:
-        """Return the (6, 6) noise of the motion from unknown changes of velocity ahead and of yaw rate, (P, 2)."""
-        cosine, sine = math.cos(self._mean[0, 2]), math.sin(self._mean[0, 2])
-        ahead, turn = unknown.T
-        half = 0.5 * INTERVAL_S
-        columns = (cosine * ahead, sine * ahead, half * turn, turn, half * cosine * ahead, half * sine * ahead)
-        effect = np.stack(columns)
-        noise: Array = effect @ effect.T
-        return noise
-
     def _correct(self, measured: Array) -> None:
-        seen = self._seen()
+        # What the boat measures of the state, (6, n)
+        size = self._mean.shape[1]
+        seen = np.zeros((MOTION, size))
+        seen[:, MOTION:PREDICTED] = np.eye(MOTION)
+        seen[2, size - 5] = seen[4, size - 4] = seen[5, size - 3] = 1.0
         expected = self._mean @ seen.T
         innovation = measured - expected
         innovation[:, 2] = wrap_pi(innovation[:, 2])
@@ -255,10 +255,7 @@ class Diagnosis:
         self._mean += (gain @ innovation[:, :, None])[:, :, 0]
         self._covariance -= gain @ seen @ self._covariance
         self._covariance = 0.5 * (self._covariance + self._covariance.transpose(0, 2, 1))
-        self._learn_noise()
-
-    def _learn_noise(self) -> None:
-        """Follow the size of the innovations, so that waves of any height give the same rate of false alarms."""
+        # Follow the size of the innovations, so that waves of any height give the same rate of false alarms.
         if self.count <= SETTLING:
             return
         squared = np.minimum((self.innovation / self.innovation_deviation) ** 2, _CLIPPED)
@@ -267,14 +264,6 @@ class Diagnosis:
         self._burst *= 1.0 + _BURST * (squared - 1.0)
         self._burst = np.clip(self._burst, 1.0, _MOST_BURST)
         np.clip(self._noise_scale, 0.05, 400.0, out=self._noise_scale)
-
-    def _seen(self) -> Array:
-        """Return (6, n): what the boat measures of the state."""
-        size = self._mean.shape[1]
-        seen = np.zeros((MOTION, size))
-        seen[:, MOTION:PREDICTED] = np.eye(MOTION)
-        seen[2, size - 5] = seen[4, size - 4] = seen[5, size - 3] = 1.0
-        return seen
 
     def _decide(self, end_ns: int) -> Alarm | None:
         evidence = self.evidence()
@@ -286,10 +275,7 @@ class Diagnosis:
         share, waited = self.probabilities(), self.count - self._crossed
         if waited < PERSISTENCE or (share.max() < CERTAIN and waited < PATIENCE):
             return None
-        return self._accept(end_ns, share)
-
-    def _accept(self, end_ns: int, share: Array) -> Alarm:
-        """Return the alarm of the likeliest kind, and go on from its likeliest filter."""
+        # The alarm is of the likeliest kind, and the diagnosis goes on from its likeliest filter
         order = np.argsort(share)[::-1]
         number = int(order[0])
         rows = 1 + np.flatnonzero((self._kind_of == number) & (self._began[1:] >= 0))

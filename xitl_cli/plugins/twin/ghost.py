@@ -68,17 +68,12 @@ class Ghosts:
         place[:, :2] = boat[4:]
         fresh = replace(fresh, motion=replace(fresh.motion, pos_ned_m=place), half_change=np.zeros((1, 6)))
         if self._states is None:
-            self._states = _repeated(fresh, parameters, self._bank)
+            shares = np.tile(parameters.thrust_share, (_COUNT, 1))
+            many = self._bank.start(np.tile(motion_of(fresh.motion)[:, :4], (_COUNT, 1)), shares)
+            self._states = with_rows(replace(many, half_change=np.zeros((_COUNT, 6))), range(_COUNT), fresh)
             self._age_s[0] = 0.0
             return
         unused = np.flatnonzero(np.isnan(self._age_s))
         row = int(unused[0]) if len(unused) else int(np.argmax(self._age_s))
         self._states = replace(with_rows(self._states, [row], fresh), packed=None)
         self._age_s[row] = 0.0
-
-
-def _repeated(state: VesselState, parameters: ModelErrors, bank: ModelBank) -> VesselState:
-    """Return the vessel of a state _COUNT times."""
-    shares = np.tile(parameters.thrust_share, (_COUNT, 1))
-    many = bank.start(np.tile(motion_of(state.motion)[:, :4], (_COUNT, 1)), shares)
-    return with_rows(replace(many, half_change=np.zeros((_COUNT, 6))), range(_COUNT), state)

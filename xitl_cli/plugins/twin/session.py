@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from foxglove import messages
@@ -21,10 +21,10 @@ from xitl_cli.plugins.twin.bank import ModelBank
 from xitl_cli.plugins.twin.boat import INTERVAL_S, BoatInterval, BoatTelemetry, IntervalReader, Outputs, Source
 from xitl_cli.plugins.twin.diagnosis import LEARNING, Alarm, Diagnosis
 from xitl_cli.plugins.twin.ghost import Ghost, Ghosts
-from xitl_cli.plugins.twin.topics import TOPICS, TwinAlarm, TwinEvidence, TwinInnovation, TwinPrediction
 from xitl_cli.profile.schema.derived_graph import REFERENCE
+from xitl_cli.record.cdr import Float64, Float64Sequence, Int64, String
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import MAP_FRAME, MotionEstimate, MotorCommand
+from xitl_cli.record.topics import MAP_FRAME, MotionEstimate, MotorCommand, Topic
 from xitl_cli.record.truth import timestamp
 
 LINK = "boat"
@@ -124,7 +124,9 @@ class Twin:
         for frames in source.batches():
             now_s = source.now_s
             for frame in frames:
-                self._handle(frame)
+                if self._telemetry.handle(frame):
+                    self.report.frames += 1
+                    self._recorder.frame_received(round(self._telemetry.now_s * 1e9), frame, link=LINK)
             if frames:
                 heard_s = now_s
             first_boot_s = first_boot_s or self._telemetry.now_s or None
@@ -143,17 +145,35 @@ class Twin:
                 break
         else:
             self._telemetry.check(math.inf)
-        return self._finished()
-
-    def _handle(self, frame: bytes) -> None:
-        if self._telemetry.handle(frame):
-            self.report.frames += 1
-            self._recorder.frame_received(round(self._telemetry.now_s * 1e9), frame, link=LINK)
+        report = self.report
+        report.system_id = self._telemetry.system_id
+        report.errors_m = self._ghosts.errors_m
+        if self._telemetry.received:
+            heard = self._telemetry.received
+            estimates, efforts = (heard[number] for number in _INSIDE)
+            traffic = AgentTraffic("LS,LC,LA", "real", "boat", {}, heard, estimates, efforts)
+            graph = measured_graph([traffic], _EDGES if report.intervals else ())
+            report.wdri = graph_wdri(graph, REFERENCE, "architecture", report.boat)
+        return report
 
     def _compare(self, interval: BoatInterval, tell: Callable[[str], None]) -> None:
         """Run the model over an interval, and record both."""
         diagnosis, bank = self._diagnosis, self._bank
-        self._record_boat(interval)
+        # Record the boat
+        yaw_rad, rate_radps = interval.attitude_rad[2], interval.motion[3]
+        north_mps, east_mps, _, _, north_m, east_m = interval.motion
+        half = 0.5 * interval.length_s
+        self._recorder.estimate(
+            interval.end_ns,
+            MotionEstimate(
+                np.array([north_m + half * north_mps, east_m + half * east_mps, 0.0]),
+                np.array([north_mps, east_mps, 0.0]),
+                euler_to_quat(np.array([[*interval.attitude_rad[:2], yaw_rad]]))[0],
+                np.array([0.0, 0.0, rate_radps]),
+            ),
+        )
+        command = MotorCommand(tuple(interval.commands[-1].tolist()), interval.armed)
+        self._recorder.actuators(interval.end_ns, command, self._names)
         if not self._under_way:
             if interval.armed:
                 self._telemetry.check_outputs()
@@ -178,22 +198,6 @@ class Twin:
         for observer in self._observers:
             observer.show(interval, self._telemetry)
         self._recorder.flush_if_due()
-
-    def _record_boat(self, interval: BoatInterval) -> None:
-        yaw_rad, rate_radps = interval.attitude_rad[2], interval.motion[3]
-        north_mps, east_mps, _, _, north_m, east_m = interval.motion
-        half = 0.5 * interval.length_s
-        self._recorder.estimate(
-            interval.end_ns,
-            MotionEstimate(
-                np.array([north_m + half * north_mps, east_m + half * east_mps, 0.0]),
-                np.array([north_mps, east_mps, 0.0]),
-                euler_to_quat(np.array([[*interval.attitude_rad[:2], yaw_rad]]))[0],
-                np.array([0.0, 0.0, rate_radps]),
-            ),
-        )
-        command = MotorCommand(tuple(interval.commands[-1].tolist()), interval.armed)
-        self._recorder.actuators(interval.end_ns, command, self._names)
 
     def _record_twin(self, interval: BoatInterval, boat: Array, ghost: Ghost | None) -> None:
         diagnosis, recorder, stamp_ns = self._diagnosis, self._recorder, interval.end_ns
@@ -235,18 +239,6 @@ class Twin:
                 self.report.intervals,
             ),
         )
-
-    def _finished(self) -> TwinReport:
-        report = self.report
-        report.system_id = self._telemetry.system_id
-        report.errors_m = self._ghosts.errors_m
-        if self._telemetry.received:
-            heard = self._telemetry.received
-            estimates, efforts = (heard[number] for number in _INSIDE)
-            traffic = AgentTraffic("LS,LC,LA", "real", "boat", {}, heard, estimates, efforts)
-            graph = measured_graph([traffic], _EDGES if report.intervals else ())
-            report.wdri = graph_wdri(graph, REFERENCE, "architecture", report.boat)
-        return report
 
 
 def check_channels(vehicle: VesselSpec, outputs: Outputs) -> None:
@@ -329,3 +321,58 @@ def ghost_scene(vehicle: VesselSpec, ghost: Ghost, stamp_ns: int, lifetime_s: fl
         cubes=cubes,
     )
     return messages.SceneUpdate(entities=[entity])
+
+
+@dataclass(frozen=True, slots=True)
+class TwinInnovation:
+    """Measured less predicted motion of one interval, with its deviations, and the nominal parameters."""
+
+    innovation: Annotated[
+        Float64Sequence, "velocity north and east (m/s), heading (rad), yaw rate (rad/s), position (m)"
+    ]
+    deviation: Annotated[Float64Sequence, "expected standard deviation of each"]
+    thrust_share: Annotated[Float64Sequence, "estimated share of the modelled thrust of each propeller"]
+    drag_share: Annotated[float, "float64", "estimated share of the modelled drag ahead"]
+    current_ned_mps: Annotated[Float64Sequence, "estimated current, north and east"]
+    wind_ned_mps: Annotated[Float64Sequence, "estimated velocity of the air, north and east"]
+
+
+@dataclass(frozen=True, slots=True)
+class TwinEvidence:
+    """Evidence for each kind of difference."""
+
+    kinds: Annotated[str, "string", "names of the kinds, separated by commas"]
+    evidence: Annotated[Float64Sequence, "log likelihood ratio of each kind against no change"]
+    threshold: Annotated[float, "float64", "evidence of an alarm"]
+
+
+@dataclass(frozen=True, slots=True)
+class TwinPrediction:
+    """The oldest ghost, up to 30 s after its start."""
+
+    age_s: Float64
+    position_ned_m: Annotated[Float64Sequence, "north and east"]
+    heading_rad: Float64
+    error_m: Annotated[float, "float64", "distance from the boat"]
+
+
+@dataclass(frozen=True, slots=True)
+class TwinAlarm:
+    """A difference between boat and model."""
+
+    kind: String
+    onset_ns: Annotated[int, "int64", "on the boot clock of the boat"]
+    confidence: Annotated[float, "float64", "probability of this kind among all kinds"]
+    size: Annotated[float, "float64", "new value of the parameter"]
+    deviation: Float64
+    unit: String
+    runner_up: Annotated[str, "string", "second likeliest kind"]
+    intervals: Int64
+
+
+TOPICS = (
+    Topic("/twin/innovation", "xitl_msgs/msg/TwinInnovation", "1 Hz", "measured less predicted", TwinInnovation),
+    Topic("/twin/evidence", "xitl_msgs/msg/TwinEvidence", "1 Hz", "evidence for each difference", TwinEvidence),
+    Topic("/twin/prediction", "xitl_msgs/msg/TwinPrediction", "1 Hz", "the oldest ghost", TwinPrediction),
+    Topic("/twin/alarm", "xitl_msgs/msg/TwinAlarm", "each", "a difference was found", TwinAlarm),
+)

@@ -393,7 +393,15 @@ class _VesselDrawing:
             self._level_m = level_m
             self._draw_mission(self._mission, moved=True)
         _place(self._hull, vessel.position_enu_m, vessel.attitude_wxyz)
-        self._draw_propellers(vessel.motors, elapsed_s)
+        # Turn the propellers
+        for propeller, (node, thruster) in enumerate(zip(self._propellers, self._vessel.thrusters, strict=True)):
+            command = vessel.motors[thruster.motor] if thruster.motor < len(vessel.motors) else 0.0
+            if command and elapsed_s > 0.0:
+                turn = max(-MOST_SPIN_RAD, min(MOST_SPIN_RAD, SPIN_RADPS * command * elapsed_s))
+                self._turned_rad[propeller] = (self._turned_rad[propeller] + turn) % (2.0 * math.pi)
+                half = 0.5 * self._turned_rad[propeller]
+                across = np.array(heading_wxyz(thruster.axis_flu[0], thruster.axis_flu[1]))
+                node.wxyz = quat_multiply(across, np.array([math.cos(half), math.sin(half), 0.0, 0.0]))
         self._draw_estimate(vessel)
         if tracked:
             self._draw_track(vessel.position_enu_m)
@@ -411,16 +419,6 @@ class _VesselDrawing:
         for piece in self._track:
             piece.remove()
         self._track, self._places = [], []
-
-    def _draw_propellers(self, motors: tuple[float, ...], elapsed_s: float) -> None:
-        for number, (node, thruster) in enumerate(zip(self._propellers, self._vessel.thrusters, strict=True)):
-            command = motors[thruster.motor] if thruster.motor < len(motors) else 0.0
-            if command and elapsed_s > 0.0:
-                turn = max(-MOST_SPIN_RAD, min(MOST_SPIN_RAD, SPIN_RADPS * command * elapsed_s))
-                self._turned_rad[number] = (self._turned_rad[number] + turn) % (2.0 * math.pi)
-                half = 0.5 * self._turned_rad[number]
-                across = np.array(heading_wxyz(thruster.axis_flu[0], thruster.axis_flu[1]))
-                node.wxyz = quat_multiply(across, np.array([math.cos(half), math.sin(half), 0.0, 0.0]))
 
     def _draw_estimate(self, vessel: VesselInstant) -> None:
         place, attitude = vessel.estimate_position_enu_m, vessel.estimate_attitude_wxyz

@@ -415,23 +415,20 @@ def action_from_message(topic: str, data: bytes) -> Mapping[str, Any] | None:
     message that does not fit the topic.
     """
     try:
-        return _action(topic, json.loads(data))
+        message = json.loads(data)
+        if topic == ASK:
+            if not isinstance(message, dict):
+                raise TypeError("an action is a JSON object")
+            return message
+        if topic in GOALS:
+            place = message["pose"]["position"] if "pose" in message else message["position"]
+            return {"action": "goto", "north_m": float(place["y"]), "east_m": float(place["x"])}
+        if topic == POINT:
+            place = message.get("point", message)
+            return {"action": "launch", "kind": "trunk", "north_m": float(place["y"]), "east_m": float(place["x"])}
+        return None
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ActionError(f"{topic}: invalid message ({error!r}); publish JSON of the topic's usual schema") from error
-
-
-def _action(topic: str, message: Any) -> Mapping[str, Any] | None:
-    if topic == ASK:
-        if not isinstance(message, dict):
-            raise TypeError("an action is a JSON object")
-        return message
-    if topic in GOALS:
-        place = message["pose"]["position"] if "pose" in message else message["position"]
-        return {"action": "goto", "north_m": float(place["y"]), "east_m": float(place["x"])}
-    if topic == POINT:
-        place = message.get("point", message)
-        return {"action": "launch", "kind": "trunk", "north_m": float(place["y"]), "east_m": float(place["x"])}
-    return None
 
 
 class FoxgloveOutput(LiveOutput):

@@ -24,7 +24,7 @@ from sim_core.world.debris import DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from xitl_cli.plugins.view.camera_images import live_image
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
-from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewImage, ViewInstant
+from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewInstant
 from xitl_cli.plugins.view.scene import NO_WAVES, scene_waves
 from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
 from xitl_cli.profile.schema import RunProfile
@@ -169,6 +169,7 @@ class VesselWatch(RunNode):
         if progress.guided_ne_m is not None:
             north_m, east_m = progress.guided_ne_m
             target, guided = None, np.array([east_m, north_m, 0.0])
+        images, self._images = self._images, {}
         return VesselInstant(
             position,
             attitude,
@@ -186,12 +187,8 @@ class VesselWatch(RunNode):
             np.array(radius),
             self._numbers(status, late),
             guided,
-            self._new_images(),
+            {name: live_image(*image, self._cameras[name].kind == "depth") for name, image in images.items()},
         )
-
-    def _new_images(self) -> dict[str, ViewImage]:
-        images, self._images = self._images, {}
-        return {name: live_image(*image, self._cameras[name].kind == "depth") for name, image in images.items()}
 
     def _clouds(self) -> dict[str, Points]:
         clouds: dict[str, Points] = {}

@@ -86,8 +86,6 @@ class SceneWater:
     """Mean level of the still water."""
     centre_en_m: tuple[float, float] = (0.0, 0.0)
     """Centre of the area of interest."""
-    size_en_m: tuple[float, float] = (200.0, 200.0)
-    """Size of the area of interest."""
     waves: SceneWaves | None = None
     """None if the waves are unknown or the water is flat."""
     bounded: bool = False

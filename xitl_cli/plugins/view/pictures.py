@@ -133,7 +133,19 @@ def moving_picture(
             )
         with _photographer(scene, size, camera, vessel, dark) as photograph:
             pictures = [photograph(span.from_s + span.length_s * number / frames) for number in range(frames)]
-    return _gif(pictures, rate_hz)
+    # The images share one palette, made of some of them, so that nothing flickers
+    from PIL import Image
+
+    some = pictures[:: max(len(pictures) // 8, 1)]
+    width, height = pictures[0].size
+    sheet = Image.new("RGB", (width, height * len(some)))
+    for number, image in enumerate(some):
+        sheet.paste(image, (0, number * height))
+    palette = palette_of(sheet, GIF_COLOURS)
+    first, *rest = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in pictures]
+    out = io.BytesIO()
+    first.save(out, "GIF", save_all=True, append_images=rest, duration=round(1000.0 / rate_hz), loop=0, optimize=False)
+    return out.getvalue()
 
 
 def find_browser() -> str:
@@ -299,19 +311,3 @@ def palette_of(image: Image.Image, colours: int) -> Image.Image:
     palette = Image.new("P", (1, 1))
     palette.putpalette([value for part in halves for value in (part.getpalette() or [])[: 3 * half]])
     return palette
-
-
-def _gif(images: Sequence[Image.Image], rate_hz: float) -> bytes:
-    """Return the images as GIF. They share one palette, made of some of them, so that nothing flickers."""
-    from PIL import Image
-
-    some = images[:: max(len(images) // 8, 1)]
-    width, height = images[0].size
-    sheet = Image.new("RGB", (width, height * len(some)))
-    for number, image in enumerate(some):
-        sheet.paste(image, (0, number * height))
-    palette = palette_of(sheet, GIF_COLOURS)
-    first, *rest = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    out = io.BytesIO()
-    first.save(out, "GIF", save_all=True, append_images=rest, duration=round(1000.0 / rate_hz), loop=0, optimize=False)
-    return out.getvalue()

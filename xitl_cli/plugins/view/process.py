@@ -93,20 +93,17 @@ class ViewProcess:
                         self._server.flush()
                         time.sleep(FAREWELL_S)
                     return
-            self._report_browsers()
+            # Report the number of browsers to the run. With at least one, request the next instant.
+            browsers = len(self._server.get_clients())
+            joined = len(self._joined)
+            if (browsers, joined) != self._reported:
+                self._browsers, self._reported = browsers, (browsers, joined)
+                self._requested = self._requested and browsers > 0
+                self._pipe.send({"browsers": browsers, "joined": joined})
+            if browsers and not self._requested:
+                self._requested = True
+                self._pipe.send({"ask": True})
             messages = self._pipe.receive(CHECK_S)
-
-    def _report_browsers(self) -> None:
-        """Report the number of browsers to the run. With at least one, request the next instant."""
-        browsers = len(self._server.get_clients())
-        joined = len(self._joined)
-        if (browsers, joined) != self._reported:
-            self._browsers, self._reported = browsers, (browsers, joined)
-            self._requested = self._requested and browsers > 0
-            self._pipe.send({"browsers": browsers, "joined": joined})
-        if browsers and not self._requested:
-            self._requested = True
-            self._pipe.send({"ask": True})
 
     def _draw(self, instant: ViewInstant) -> None:
         bodies = {

@@ -82,7 +82,6 @@ if TYPE_CHECKING:
     from xitl_cli.logs.report.model import Report
 
 SCENE = "/scene"
-_MARGIN_M = 60.0
 _MARKED = ("fault", "takeover", "error", "event", "estimator")
 
 
@@ -157,7 +156,14 @@ class LogScene:
         self._waves = _seas(lead, scene.water.waves)
         self._wind, self._current = (_stream(lead, name) for name in ("wind_ned_mps", "current_ned_mps"))
         self._events = sorted((event for vessel in placed for event in _events(vessel)), key=attrgetter("time_s"))
-        self.marks = _marks(placed, self.span_s)
+        marks: set[tuple[float, str]] = set()
+        for vessel in placed:
+            who = f"{vessel.name}: " if vessel.name and len(placed) > 1 else ""
+            marks |= {(round(event.at_s, 2), who + event.what) for event in paired_events(vessel.log, vessel.second)}
+            for at_ns, text in _moments(vessel.log):
+                marks.add((round(vessel.second(at_ns), 2), who + text))
+        inside = sorted(mark for mark in marks if self.span_s[0] - 1.0 <= mark[0] <= self.span_s[1] + 1.0)
+        self.marks = tuple(SceneMark(min(max(at_s, self.span_s[0]), self.span_s[1]), text) for at_s, text in inside)
         """Events in order of time."""
 
     @property
@@ -471,7 +477,11 @@ def _surroundings(
         )
     water = scene.water
     if not recording.drawn:
-        water = _plain_water([vessel.track.pose for vessel in placed])
+        # Still water in the middle of the paths
+        places = np.concatenate([vessel.track.pose.position_enu_m for vessel in placed])
+        low, high = places.min(axis=0), places.max(axis=0)
+        east, north = ((low + high) / 2)[:2].tolist()
+        water = SceneWater(0.0, (east, north))
         notes.append(f"{lead.log.path.name}: has no scene; the water is drawn without banks and waves")
     elif not recording.profiles:
         notes.append(
@@ -493,14 +503,6 @@ def _drawn_missions(recording: _Recording, vessel: PlacedLog) -> tuple[MissionCh
         ned = LocalFrame(*origin).ned(*(np.array([value]) for value in own))[0]
         shift_enu_m = ned_to_enu(ned) + shift_enu_m
     return tuple(MissionChange(vessel.second(stamp_ns), places + shift_enu_m) for stamp_ns, places in plans)
-
-
-def _plain_water(poses: Sequence[PoseTrack]) -> SceneWater:
-    places = np.concatenate([pose.position_enu_m for pose in poses])
-    low, high = places.min(axis=0), places.max(axis=0)
-    east, north = ((low + high) / 2)[:2].tolist()
-    wide, long = (high - low + 2 * _MARGIN_M)[:2].tolist()
-    return SceneWater(0.0, (east, north), (wide, long))
 
 
 def _poses(table: Table, rows: NDArray[np.intp], seconds: Seconds) -> PoseTrack | None:
@@ -574,17 +576,6 @@ def _events(vessel: PlacedLog) -> Iterator[ViewEvent]:
     for text in signals.texts(vessel.log):
         severity = MAV_SEVERITY_INFO if text.severity is None else text.severity
         yield ViewEvent(vessel.second(text.at_ns), severity, who + text.text.strip())
-
-
-def _marks(placed: Sequence[PlacedLog], span_s: tuple[float, float]) -> tuple[SceneMark, ...]:
-    marks: set[tuple[float, str]] = set()
-    for vessel in placed:
-        who = f"{vessel.name}: " if vessel.name and len(placed) > 1 else ""
-        marks |= {(round(event.at_s, 2), who + event.what) for event in paired_events(vessel.log, vessel.second)}
-        for at_ns, text in _moments(vessel.log):
-            marks.add((round(vessel.second(at_ns), 2), who + text))
-    inside = sorted(mark for mark in marks if span_s[0] - 1.0 <= mark[0] <= span_s[1] + 1.0)
-    return tuple(SceneMark(min(max(at_s, span_s[0]), span_s[1]), text) for at_s, text in inside)
 
 
 def _moments(log: Log) -> Iterator[tuple[int, str]]:

@@ -106,9 +106,21 @@ def replay_html(
             for number in range(1, count + 1):
                 serializer.insert_sleep(span.length_s / count)
                 drawing.draw(instants.at(span.from_s + span.length_s * number / count))
-            html = serializer.as_html(dark_mode=dark)
+            html: str = serializer.as_html(dark_mode=dark)
         results = scene.findings() if findings is None else findings
-        return _with_overlay(html, _page_data(scene, span, results, view, at_s), dark)
+        here = files("xitl_cli.plugins.view")
+        script, style = ((here / f"replay_page.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
+        text = json.dumps(_page_data(scene, span, results, view, at_s), ensure_ascii=False, allow_nan=False).replace(
+            "<", "\\u003c"
+        )
+        mark = "<script>document.documentElement.classList.add('replay-dark')</script>" if dark else ""
+        overlay = (
+            f"<style>{style}</style>{mark}"
+            f'<script type="application/json" id="replay-data">{text}</script><script>{script}</script>'
+        )
+        before, head, rest = html.partition("<head>")
+        end = rest.rindex("</body>")
+        return before + head + look_html() + rest[:end] + overlay + rest[end:]
 
 
 class _PageInstants:
@@ -207,20 +219,6 @@ def _number(value: float | None) -> float | int | None:
     if value is None or not math.isfinite(value):
         return None
     return int(value) if value == int(value) else round(value, 2)
-
-
-def _with_overlay(html: str, data: dict[str, Any], dark: bool) -> str:
-    here = files("xitl_cli.plugins.view")
-    script, style = ((here / f"replay_page.{kind}").read_text(encoding="utf-8") for kind in ("js", "css"))
-    text = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
-    mark = "<script>document.documentElement.classList.add('replay-dark')</script>" if dark else ""
-    overlay = (
-        f"<style>{style}</style>{mark}"
-        f'<script type="application/json" id="replay-data">{text}</script><script>{script}</script>'
-    )
-    before, head, rest = html.partition("<head>")
-    end = rest.rindex("</body>")
-    return before + head + look_html() + rest[:end] + overlay + rest[end:]
 
 
 def report_replay(report: Report, vessel: str | None) -> Replay:

@@ -194,8 +194,8 @@ def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Seque
         elif entity.frame != MAP_FRAME:
             continue
         elif kind == "water" and entity.boxes:
-            middle, size = entity.boxes[0]
-            water = SceneWater(0.0, (middle[0], middle[1]), (size[0], size[1]))
+            middle, _ = entity.boxes[0]
+            water = SceneWater(0.0, (middle[0], middle[1]))
         elif kind == "mission" and entity.lines_m:
             missions.setdefault(vessel, entity)
         else:

@@ -118,7 +118,7 @@ def arrow(length_m: float, diameter_m: float) -> Geometry:
     upright = merged(
         [shaft.placed((0.0, 0.0, 0.5 * (length_m - head_m))), head.placed((0.0, 0.0, length_m - 0.5 * head_m))]
     )
-    return upright.placed((0.0, 0.0, 0.0), _from_upright(np.array([1.0, 0.0, 0.0])))
+    return upright.placed((0.0, 0.0, 0.0), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
 
 
 CREASE_COSINE = 0.8
@@ -162,15 +162,6 @@ def boat(length_m: float) -> Geometry:
     faces += [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
     cabin = cuboid((0.3 * length_m, 0.2 * length_m, 0.12 * length_m)).placed((-0.12 * length_m, 0.0, 0.19 * length_m))
     return merged([geometry(rings, faces), cabin])
-
-
-def _from_upright(direction: Array) -> tuple[float, float, float, float]:
-    """Return (w, x, y, z) of the shortest rotation from +z to a unit vector."""
-    x, y, z = direction.tolist()
-    if z < -0.999999:
-        return 0.0, 1.0, 0.0, 0.0
-    w = math.sqrt(0.5 * (1.0 + z))
-    return w, -y / (2.0 * w), x / (2.0 * w), 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from tests.command_line import xitl_app
 from tests.free_ports import free_port
 from tests.golden import Golden
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.board import autopilot, emulator, image, life, namespace, network, packages, recipe, tools
+from xitl_cli.plugins.board import autopilot, emulator, image, life, namespace, network, recipe, tools
 from xitl_cli.plugins.board.command import _commands
 from xitl_cli.plugins.board.four_ways import ways
 from xitl_cli.plugins.board.places import (
@@ -134,13 +134,13 @@ def test_a_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 
 def test_without_debians_keys_or_a_mirror(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(packages, "KEYRING", tmp_path / "keyring.gpg")
+    monkeypatch.setattr(image, "KEYRING", tmp_path / "keyring.gpg")
     with pytest.raises(UserError, match="apt install debian-archive-keyring"):
-        packages.fetch("bookworm", None, tmp_path)
+        image.fetch("bookworm", None, tmp_path)
     (tmp_path / "keyring.gpg").write_bytes(b"")
-    monkeypatch.setattr(packages, "checked_run", lambda *given, **options: "http://archive.example/ubuntu/\n")
+    monkeypatch.setattr(image, "checked_run", lambda *given, **options: "http://archive.example/ubuntu/\n")
     with pytest.raises(UserError, match=r"no Debian mirror here.*--mirror URL"):
-        packages.fetch("bookworm", None, tmp_path)
+        image.fetch("bookworm", None, tmp_path)
 
 
 def test_a_program_that_fails_is_told_with_its_last_words(tmp_path: Path) -> None:

@@ -89,11 +89,6 @@ _UNKNOWN: Mapping[tuple[str, str], int] = {
 }
 
 
-def scale_for(unit: str) -> Scale | None:
-    """Scale of a unit; None if the unit is kept."""
-    return _SCALES.get(unit)
-
-
 def unknown_value(message: str, field: str) -> int | None:
     """Raw value that means "unknown" for a field, from the text of its definition; None if there is none."""
     return _UNKNOWN.get((message, field))
@@ -158,7 +153,7 @@ def definitions() -> Mapping[int, MavlinkDefinition]:
                     dtype = np.dtype("u1") if text else np.dtype(f"<{code}")
                     message = made["msgname"]
                     unit = units.get(name, "")
-                    scale = None if text else scale_for(unit)
+                    scale = None if text else _SCALES.get(unit)
                     column = Column(
                         name,
                         unit if scale is None else scale.unit,

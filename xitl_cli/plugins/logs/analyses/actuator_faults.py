@@ -134,7 +134,15 @@ def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
         if not any(
             fault.from_ns < turn.until_ns and turn.from_ns < (fault.until_ns or turn.until_ns) for fault in faults
         ):
-            yield _of_unanswered(turn, driven[0], clock)
+            turned, commanded = ("starboard", "port") if turn.yaw_rate_radps > 0.0 else ("port", "starboard")
+            rate = f"{abs(np.degrees(turn.yaw_rate_radps)):.0f} deg/s"
+            yield Finding.warning(
+                "actuation.unanswered",
+                f"From {clock.text(turn.from_ns)} to {clock.text(turn.until_ns)} the vessel did not answer its "
+                f"commands: it turned to {turned} at {rate} while they were to {commanded}",
+                (Evidence(*_message_and_field(driven[0].series), turn.from_ns, turn.until_ns, rate),),
+                "Check the propellers, the rudders and their wires: is one reversed, without thrust or stuck?",
+            )
     for fault in faults:
         output = driven[fault.output]
         end_ns = fault.until_ns or int(motion.stamp_ns[-1])
@@ -154,18 +162,6 @@ def actuator_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
             (Evidence(*_message_and_field(output.series), fault.from_ns, end_ns, f"{fault.size:.2f}"),),
             "Check this propeller or rudder, its gear, its motor and its wires: it did not do what was commanded.",
         )
-
-
-def _of_unanswered(turn: UnansweredTurn, output: OutputChannel, clock: LogClock) -> Finding:
-    turned, commanded = ("starboard", "port") if turn.yaw_rate_radps > 0.0 else ("port", "starboard")
-    rate = f"{abs(np.degrees(turn.yaw_rate_radps)):.0f} deg/s"
-    return Finding.warning(
-        "actuation.unanswered",
-        f"From {clock.text(turn.from_ns)} to {clock.text(turn.until_ns)} the vessel did not answer its commands: it "
-        f"turned to {turned} at {rate} while they were to {commanded}",
-        (Evidence(*_message_and_field(output.series), turn.from_ns, turn.until_ns, rate),),
-        "Check the propellers, the rudders and their wires: is one reversed, without thrust or stuck?",
-    )
 
 
 def _as_if(fault: DetectedFault, output: OutputChannel) -> str:
@@ -343,8 +339,13 @@ def actuator_faults(motion: VesselMotion) -> list[DetectedFault]:
     first = _Fit(motion, motion.commands)
     if len(first.rows) < _FEWEST_ROWS:
         return []
+    # Noise of both changes
+    scales: list[float] = []
+    columns = zip(first.command_columns(first.commands), first.motion_columns, strict=True)
+    for design, change in zip(map(np.hstack, columns), first.changes, strict=True):
+        residual = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
+        scales.append(1.4826 * float(np.median(np.abs(residual))) + 1e-9)
     # Choose the lag by the best fit with a fault: a fault that the model lacks makes a wrong lag look good.
-    scales = _scales(first)
     searches = [_Search(first.lagged(lag_s), scales) for lag_s in _LAGS_S]
     search = min(searches, key=_Search.least_squares)
     faults: list[DetectedFault] = []
@@ -412,16 +413,6 @@ def _joined(faults: Sequence[DetectedFault]) -> list[DetectedFault]:
         else:
             joined.append(fault)
     return joined
-
-
-def _scales(fit: _Fit) -> list[float]:
-    """Noise of both changes."""
-    scales = []
-    columns = zip(fit.command_columns(fit.commands), fit.motion_columns, strict=True)
-    for design, change in zip(map(np.hstack, columns), fit.changes, strict=True):
-        residual = change - design @ np.linalg.lstsq(design, change, rcond=None)[0]
-        scales.append(1.4826 * float(np.median(np.abs(residual))) + 1e-9)
-    return scales
 
 
 @dataclass(frozen=True, slots=True)

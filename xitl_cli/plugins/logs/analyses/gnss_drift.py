@@ -13,7 +13,7 @@ from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.sections import Evidence, Finding
 from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.receivers import GnssReceiver
-from xitl_cli.logs.signals.spans import find_holds, runs
+from xitl_cli.logs.signals.spans import find_holds, join_runs, runs
 
 DRIFT_MPS = 0.12
 """Least drift that exceeds a receiver's own error (0.5 m that changes over a minute) in one window."""
@@ -99,7 +99,7 @@ def _drifts(stamp_ns: Stamps, time_s: Floats, apart_m: Floats) -> Iterator[GnssD
     whole = ends < len(time_s)
     firsts, ends = np.flatnonzero(whole), ends[whole]
     slope = _slopes(time_s, apart_m, firsts, ends)
-    for begin, after in _joined(runs(np.linalg.norm(slope, axis=1) > DRIFT_MPS), 25):
+    for begin, after in join_runs(runs(np.linalg.norm(slope, axis=1) > DRIFT_MPS), 25):
         first, last = int(firsts[begin]), int(ends[after - 1])
         if (drift := _fitted_drift(stamp_ns, time_s, apart_m, first, last)) is not None:
             yield drift
@@ -129,17 +129,6 @@ def _slopes(time_s: Floats, values: Floats, firsts: NDArray[np.intp], ends: NDAr
         mean_s = window[0] / (after - begin)
         slopes[at : at + _WINDOWS_AT_ONCE] = ((window[4:] - mean_s * window[2:4]) / (window[1] - mean_s * window[0])).T
     return slopes
-
-
-def _joined(spans: object, most_rows: int) -> list[tuple[int, int]]:
-    """Join runs that are fewer than `most_rows` rows apart."""
-    found: list[tuple[int, int]] = []
-    for begin, after in spans:  # type: ignore[attr-defined]
-        if found and begin - found[-1][1] < most_rows:
-            found[-1] = found[-1][0], after
-        else:
-            found.append((begin, after))
-    return found
 
 
 def _fitted_drift(stamp_ns: Stamps, time_s: Floats, apart_m: Floats, first: int, last: int) -> GnssDrift | None:

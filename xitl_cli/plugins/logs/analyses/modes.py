@@ -19,7 +19,7 @@ from xitl_cli.logs.model.codes import (
 )
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
-from xitl_cli.logs.model.table import Table, first_of
+from xitl_cli.logs.model.table import first_of
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import error_rows, vehicle_kind
 
@@ -101,7 +101,27 @@ def mode_spans(log: Log) -> list[ModeSpan]:
             ModeSpan(span.from_ns, span.until_ns, None, span.text, None, cause, bool(cause), span.source)
             for span, cause in zip(spans, causes, strict=True)
         ]
-    return _from_rows(log, table, column)
+    kind = vehicle_kind(log)
+    order = np.argsort(table.stamp_ns, kind="stable")
+    stamps = table.stamp_ns[order].tolist()
+    numbers = np.asarray(table.values(column, raw=True))[order].astype(np.int64).tolist()
+    reason_column = first_of(table, ("Rsn", "Reason"))
+    reasons = [0] * len(stamps)
+    if reason_column is not None:
+        reasons = np.asarray(table.values(reason_column, raw=True))[order].astype(np.int64).tolist()
+    end_ns = max(stamps[-1], log.span_ns[1] if log.span_ns else 0)
+    starts = [row for row in range(len(stamps)) if row == 0 or numbers[row] != numbers[row - 1]]
+    logged = []
+    for place, row in enumerate(starts):
+        until_ns = stamps[starts[place + 1]] if place + 1 < len(starts) else end_ns
+        reason = reasons[row]
+        cause, failsafe = reason_name(reason), reason in FAILSAFE_REASONS
+        if reason == 0 and place and (trouble := _failsafe_at(log, stamps[row])):
+            cause, failsafe = trouble, True
+        name = mode_name(kind, numbers[row])
+        known = None if reason_column is None else reason
+        logged.append(ModeSpan(stamps[row], until_ns, numbers[row], name, known, cause, failsafe, f"MODE.{column}"))
+    return logged
 
 
 def _recorded_cause(log: Log, from_ns: int, name: str) -> str:
@@ -117,30 +137,6 @@ def _recorded_cause(log: Log, from_ns: int, name: str) -> str:
         if event == "mode" and mode == name and abs(stamp_ns - from_ns) <= _EVENT_NS
     )
     return next(near, "")
-
-
-def _from_rows(log: Log, table: Table, column: str) -> list[ModeSpan]:
-    kind = vehicle_kind(log)
-    order = np.argsort(table.stamp_ns, kind="stable")
-    stamps = table.stamp_ns[order].tolist()
-    numbers = np.asarray(table.values(column, raw=True))[order].astype(np.int64).tolist()
-    reason_column = first_of(table, ("Rsn", "Reason"))
-    reasons = [0] * len(stamps)
-    if reason_column is not None:
-        reasons = np.asarray(table.values(reason_column, raw=True))[order].astype(np.int64).tolist()
-    end_ns = max(stamps[-1], log.span_ns[1] if log.span_ns else 0)
-    starts = [row for row in range(len(stamps)) if row == 0 or numbers[row] != numbers[row - 1]]
-    spans = []
-    for place, row in enumerate(starts):
-        until_ns = stamps[starts[place + 1]] if place + 1 < len(starts) else end_ns
-        reason = reasons[row]
-        cause, failsafe = reason_name(reason), reason in FAILSAFE_REASONS
-        if reason == 0 and place and (trouble := _failsafe_at(log, stamps[row])):
-            cause, failsafe = trouble, True
-        name = mode_name(kind, numbers[row])
-        known = None if reason_column is None else reason
-        spans.append(ModeSpan(stamps[row], until_ns, numbers[row], name, known, cause, failsafe, f"MODE.{column}"))
-    return spans
 
 
 def _failsafe_at(log: Log, at_ns: int) -> str:

@@ -236,7 +236,7 @@ def _findings(
         "scheduler.late_tasks",
         f"Tasks were eight times late, so up to {extra.max():.0f} us were added to each loop, first at "
         f"{clock.text(at_ns)}",
-        tuple(Evidence("PM", windows.field("extra_us"), a, b) for a, b in _window_spells(windows, extra > 0.0)),
+        tuple(Evidence("PM", windows.field("extra_us"), a, b) for a, b in spells(windows.until_ns, extra > 0.0)),
         "Fetch @SYS/tasks.txt (`xitl logs tasks`) to see which task takes the time.",
     )
 
@@ -289,7 +289,7 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
             "loop rate fell under 95 % of its target",
             tuple(
                 Evidence("PM", windows.field("load_percent"), a, b)
-                for a, b in _window_spells(windows, known & (load > SATURATED_PERCENT))
+                for a, b in spells(windows.until_ns, known & (load > SATURATED_PERCENT))
             ),
             "Lower SCHED_LOOP_RATE or the load of the autopilot (LOG_BITMASK, filters, scripts).",
         )
@@ -300,11 +300,6 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
         yield Finding.warning("scheduler.load", f"The processor was {mean:.0f} % busy", (evidence,), step)
         return
     return
-
-
-def _window_spells(windows: LoopWindows, flags: Flags) -> list[tuple[int, int]]:
-    """Episodes of consecutive windows, by the time of logging."""
-    return spells(windows.until_ns, flags)
 
 
 def _rate(log: Log, windows: LoopWindows) -> Iterator[Finding]:

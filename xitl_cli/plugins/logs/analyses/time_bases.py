@@ -554,7 +554,16 @@ def _rates(relation: ClockRelation, made_up: bool) -> Iterator[Finding]:
     if not sure or abs(rate_ppm) <= CRYSTAL_PPM:
         return
     if abs(rate_ppm) > SCALED_PPM:
-        yield _scaled(relation)
+        times = 1.0 + relation.longest.slope_ppm * 1e-6
+        fast, slow, ratio = (
+            (readings.second, readings.first, times) if times >= 1.0 else (readings.first, readings.second, 1.0 / times)
+        )
+        yield Finding.notice(
+            "time_bases.scaled",
+            f"{fast} went {ratio:.2f} times as fast as {slow}: one of them is a simulation's",
+            (Evidence(readings.message, readings.fields, value=f"{ratio:.2f}"),),
+            "Rates and delays in this log have two kinds of seconds. Use one clock for comparisons.",
+        )
         return
     severity = Severity.NOTICE if made_up or abs(rate_ppm) < WRONG_PPM else Severity.WARNING
     per_hour_ms = abs(rate_ppm) * 3.6
@@ -582,20 +591,6 @@ def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
     pairs = pair_title(judged[0].readings) if len(judged) == 1 else f"{len(judged)} pairs of clocks"
     said = f"No step and no drift of more than {CRYSTAL_PPM:.0f} ppm: {pairs}"
     return (Finding.ok("time_bases.even", said),)
-
-
-def _scaled(relation: ClockRelation) -> Finding:
-    readings = relation.readings
-    times = 1.0 + relation.longest.slope_ppm * 1e-6
-    fast, slow, ratio = (
-        (readings.second, readings.first, times) if times >= 1.0 else (readings.first, readings.second, 1.0 / times)
-    )
-    return Finding.notice(
-        "time_bases.scaled",
-        f"{fast} went {ratio:.2f} times as fast as {slow}: one of them is a simulation's",
-        (Evidence(readings.message, readings.fields, value=f"{ratio:.2f}"),),
-        "Rates and delays in this log have two kinds of seconds. Use one clock for comparisons.",
-    )
 
 
 def _gaps(relation: ClockRelation, clock: LogClock) -> Iterator[Finding]:

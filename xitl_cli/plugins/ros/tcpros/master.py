@@ -184,8 +184,15 @@ class Registrar:
             master_id = self._ask("getPid")
         except MasterRefusedError as error:  # a page of another server
             raise MasterAwayError(str(error)) from error
-        if not self._named:
-            self._choose_name()
+        if not self._named:  # choose a name that no other node has
+            try:
+                call(str(self._ask("lookupNode", self.node)), "getPid", self.node)
+            except (MasterRefusedError, MasterAwayError):
+                pass  # no node has this name, or it has ended
+            else:
+                taken, self.node = self.node, f"{self.node}_{os.getpid()}"
+                self._notes.tell(f"the ROS master already has a node {taken}; this node has the name {self.node}")
+            self._named = True
         if master_id != self._master_id:
             with self._lock:
                 self._known.clear()
@@ -233,16 +240,6 @@ class Registrar:
                 f"{', '.join(others)} also publishes {topic}; give one of the two a namespace (ros.namespace)",
                 "others",
             )
-
-    def _choose_name(self) -> None:
-        try:
-            call(str(self._ask("lookupNode", self.node)), "getPid", self.node)
-        except (MasterRefusedError, MasterAwayError):
-            pass  # no node has this name, or it has ended
-        else:
-            taken, self.node = self.node, f"{self.node}_{os.getpid()}"
-            self._notes.tell(f"the ROS master already has a node {taken}; this node has the name {self.node}")
-        self._named = True
 
     def _ask(self, method: str, *arguments: Any) -> Any:
         return call(self.uri, method, self.node, *arguments)

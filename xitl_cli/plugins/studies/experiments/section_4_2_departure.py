@@ -23,10 +23,8 @@ from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.logs import open_log
 from xitl_cli.plugins.studies.experiments.figures import GREY, OTHER, PAPER, THIRD, mark_paper, name_lines
 from xitl_cli.plugins.studies.experiments.figures import OURS as BLUE
-from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 ENVIRONMENTS = {
@@ -124,8 +122,30 @@ def measure_departure(setup: ExperimentSetup, environment: str, sensors: str) ->
     overrides: dict[str, Any] = {"clock.seed": setup.seed, "clock.duration_s": setup.duration_s or DURATION_S}
     if sensors != EMBEDDED and setup.firmware is not None:
         overrides["autopilot.firmware"] = setup.firmware
-    result = setup.run_profile(name, _profile_text(environment, sensors), overrides)
-    found = _departure(environment, sensors, str(setup.out / f"{name}.yaml"), result)
+    result = setup.run_profile(
+        name,
+        (
+            f"# Section 4.2 of the paper: {ENVIRONMENTS[environment]}.\n"
+            f"extends: [{PROFILES[sensors]}, environments/{environment}]\n"
+            f"description: Departure in {ENVIRONMENTS[environment]}, floating free\n\n"
+            "autopilot: {moored_until_armed: false}\n"
+        ),
+        overrides,
+    )
+    autopilot = result.summary.get("autopilot") or {}
+    times_s = {event: autopilot.get(event) for event in EVENTS}
+    if sensors == EMBEDDED:
+        times_s = _embedded_times_s(result.directory)
+    firmware = autopilot.get("firmware") or ""
+    found = DepartureRun(
+        environment,
+        sensors,
+        str(setup.out / f"{name}.yaml"),
+        str(result.directory),
+        firmware,
+        times_s,
+        result.summary.get("error") or "",
+    )
     times = ", ".join(f"{words} {_seconds(found.times_s[event])}" for event, words in EVENTS.items())
     setup.tell(f"{environment}, {WAYS[sensors]}: {times}")
     if found.problem:
@@ -177,26 +197,6 @@ def _ways(firmware: str | None) -> tuple[tuple[str, ...], str]:
             f"{str(error).removeprefix('autopilot.firmware: ')}. "
         )
     return (OWN, OURS), "Stock ArduPilot Rover, with its own simulated sensors and with ours as an external AHRS. "
-
-
-def _profile_text(environment: str, sensors: str) -> str:
-    return (
-        f"# Section 4.2 of the paper: {ENVIRONMENTS[environment]}.\n"
-        f"extends: [{PROFILES[sensors]}, environments/{environment}]\n"
-        f"description: Departure in {ENVIRONMENTS[environment]}, floating free\n\n"
-        "autopilot: {moored_until_armed: false}\n"
-    )
-
-
-def _departure(environment: str, sensors: str, profile: str, result: Result) -> DepartureRun:
-    autopilot = result.summary.get("autopilot") or {}
-    times_s = {event: autopilot.get(event) for event in EVENTS}
-    if sensors == EMBEDDED:
-        times_s = _embedded_times_s(result.directory)
-    firmware = autopilot.get("firmware") or ""
-    return DepartureRun(
-        environment, sensors, profile, str(result.directory), firmware, times_s, result.summary.get("error") or ""
-    )
 
 
 def _embedded_times_s(directory: Path) -> dict[str, float | None]:
@@ -441,13 +441,10 @@ def _draw_scheduler(figure: Figure, pairs: _Pairs) -> None:
             panels[0].plot(traces.max_t.time_s, traces.max_t.values * 1e-3, marker=".", label=label, **look)
         if traces.origin_height is not None:
             panels[1].plot(traces.origin_height.time_s, traces.origin_height.values, **look)
-    _finish_scheduler(panels[0])
-    if heights:
-        panels[1].set_ylabel("EKF origin height (m)")
-    panels[-1].set_xlabel("time since the autopilot's start (s)")
-
-
-def _finish_scheduler(axes: Axes) -> None:
+    axes = panels[0]
     axes.set_ylabel("MaxT (ms)")
     axes.set_ylim(bottom=0.0)
     name_lines(axes, loc="lower right", fontsize=6.5)
+    if heights:
+        panels[1].set_ylabel("EKF origin height (m)")
+    panels[-1].set_xlabel("time since the autopilot's start (s)")

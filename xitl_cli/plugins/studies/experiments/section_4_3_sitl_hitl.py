@@ -8,6 +8,7 @@ recording.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,6 @@ from xitl_cli.plugins.studies.experiments.figures import OTHER, OURS, mark_paper
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from xitl_cli.mapping.rebuild import Measured
@@ -258,7 +258,19 @@ def loop_side(name: str, directory: Path) -> LoopSide:
     """Read the data of a run from both its logs."""
     log_path = directory / "autopilot.bin"
     with open_log(directory / "run.mcap") as run, open_log(log_path if log_path.exists() else run.path) as log:
-        begun_s = _mission_s(log)
+        armed = signals.armed(log)
+        starts = [
+            max(mode.from_ns, span.from_ns)
+            for mode in signals.modes(log)
+            if mode.text.upper() == "AUTO"
+            for span in armed
+            if span.from_ns < mode.until_ns and mode.from_ns < span.until_ns
+        ]
+        begun_s = min(starts) * 1e-9 if starts else None
+        # Long loops of the autopilot's scheduler, or missed deadlines in the run's summary
+        table = log.tables.get("PM")
+        loops = 0 if table is None or "NLon" not in table.columns else int(np.sum(table.values("NLon", raw=True)))
+        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
         return LoopSide(
             name,
             true_path_ne_m(run),
@@ -272,7 +284,7 @@ def loop_side(name: str, directory: Path) -> LoopSide:
             tuple(_events(log)),
             time_series(column_series(log, "PM", "MaxT", "us", raw=True)),
             time_series(column_series(log, "PM", "Load", "%", factor=0.1, raw=True)),
-            _missed(log, directory),
+            loops + sum(int(task["missed"]) for task in summary.get("tasks") or ()),
             begun_s,
             tuple(
                 base
@@ -317,19 +329,6 @@ def _placed(measured: Measured, began_ns: int, points_odom_m: Any) -> Floats:
     return ned
 
 
-def _mission_s(log: Log) -> float | None:
-    """Return the time of its first autonomous navigation while armed."""
-    armed = signals.armed(log)
-    starts = [
-        max(mode.from_ns, span.from_ns)
-        for mode in signals.modes(log)
-        if mode.text.upper() == "AUTO"
-        for span in armed
-        if span.from_ns < mode.until_ns and mode.from_ns < span.until_ns
-    ]
-    return min(starts) * 1e-9 if starts else None
-
-
 def _from(series: TimeSeries | None, begun_s: float | None) -> TimeSeries | None:
     """Shift to a clock that begins with the mission."""
     if series is None or begun_s is None:
@@ -344,16 +343,6 @@ def _events(log: Log) -> Iterator[tuple[float, str]]:
 
     yield from ((at_ns * 1e-9, event_name(number)) for at_ns, number in event_rows(log))
     yield from ((mode.from_ns * 1e-9, f"mode {mode.text}") for mode in signals.modes(log))
-
-
-def _missed(log: Log, directory: Path) -> int:
-    """Return the long loops of the autopilot's scheduler, or the missed deadlines in the run's summary."""
-    import json
-
-    table = log.tables.get("PM")
-    loops = 0 if table is None or "NLon" not in table.columns else int(np.sum(table.values("NLon", raw=True)))
-    summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-    return loops + sum(int(task["missed"]) for task in summary.get("tasks") or ())
 
 
 def _compared(software: Path, hardware: Path) -> Comparison | None:
@@ -561,22 +550,26 @@ def _draw_maps(figure: Figure, maps: Sequence[BoomMap]) -> None:
         for axes, words, points in zip(
             panels[row], ("online", "offline"), (one.online_ned_m, one.offline_ned_m), strict=True
         ):
-            _draw_map(axes, points, one.boom_ne_m, _COLOURS[one.name])
+            (low_n, low_e), (high_n, high_e) = (pick(np.array(WAYPOINTS_NE_M), axis=0) for pick in (np.min, np.max))
+            inside = (points[:, 0] > low_n - 30) & (points[:, 0] < high_n + 40)
+            inside &= (points[:, 1] > low_e - 30) & (points[:, 1] < high_e + 40)
+            shown = points[inside][:: max(1, int(inside.sum()) // _HIGHEST_MAP)]
+            axes.scatter(
+                shown[:, 1],
+                shown[:, 0],
+                s=0.6,
+                c=_COLOURS[one.name],
+                linewidths=0,
+                rasterized=True,
+                label="points of the map",
+            )
+            axes.plot(one.boom_ne_m[:, 1], one.boom_ne_m[:, 0], color="black", linewidth=0.7, label="true boom")
+            axes.set_xlim(low_e - 30, high_e + 40)
+            axes.set_ylim(low_n - 30, high_n + 40)
+            axes.set_aspect("equal", adjustable="box")
             axes.set_title(f"{one.name.upper()}, {words}")
     for axes in panels[-1]:
         axes.set_xlabel("east (m)")
     for axes in panels[:, 0]:
         axes.set_ylabel("north (m)")
     panels[0, 0].legend(loc="upper left")
-
-
-def _draw_map(axes: Axes, points_ned_m: Floats, boom_ne_m: Floats, colour: str) -> None:
-    (low_n, low_e), (high_n, high_e) = (pick(np.array(WAYPOINTS_NE_M), axis=0) for pick in (np.min, np.max))
-    inside = (points_ned_m[:, 0] > low_n - 30) & (points_ned_m[:, 0] < high_n + 40)
-    inside &= (points_ned_m[:, 1] > low_e - 30) & (points_ned_m[:, 1] < high_e + 40)
-    shown = points_ned_m[inside][:: max(1, int(inside.sum()) // _HIGHEST_MAP)]
-    axes.scatter(shown[:, 1], shown[:, 0], s=0.6, c=colour, linewidths=0, rasterized=True, label="points of the map")
-    axes.plot(boom_ne_m[:, 1], boom_ne_m[:, 0], color="black", linewidth=0.7, label="true boom")
-    axes.set_xlim(low_e - 30, high_e + 40)
-    axes.set_ylim(low_n - 30, high_n + 40)
-    axes.set_aspect("equal", adjustable="box")

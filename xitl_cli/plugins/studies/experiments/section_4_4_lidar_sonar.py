@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -317,20 +317,16 @@ def _draw_cloud(figure: Figure, cloud: FusedCloud) -> None:
             each.set_sizes([20.0])
     _scatter(side, cloud, across=2)
     side.axhline(0.0, color="#555555", linewidth=0.8)
-    side.add_patch(_trunk_side())
+    from matplotlib.patches import Rectangle
+
+    half_m = 0.5 * TRUNK_LENGTH_M * np.cos(np.radians(TRUNK_HEADING_DEG))
+    corner = (TRUNK_NE_M[0] - half_m, -TRUNK_DOWN_M - TRUNK_RADIUS_M)
+    side.add_patch(Rectangle(corner, 2.0 * half_m, 2.0 * TRUNK_RADIUS_M, fill=False, edgecolor="black", linewidth=1.0))
     side.annotate("sunken trunk", (TRUNK_NE_M[0] + 1.2, -TRUNK_DOWN_M), fontsize=8, va="center")
     side.set_xlim(-1.0, 16.0)
     side.set_ylim(-2.2, 1.4)
     side.set_xlabel("ahead, north (m)")
     side.set_ylabel("height above the water (m)")
-
-
-def _trunk_side() -> Any:
-    from matplotlib.patches import Rectangle
-
-    half = 0.5 * TRUNK_LENGTH_M * np.cos(np.radians(TRUNK_HEADING_DEG))
-    corner = (TRUNK_NE_M[0] - half, -TRUNK_DOWN_M - TRUNK_RADIUS_M)
-    return Rectangle(corner, 2.0 * half, 2.0 * TRUNK_RADIUS_M, fill=False, edgecolor="black", linewidth=1.0)
 
 
 def _scatter(axes: Axes, cloud: FusedCloud, across: int) -> None:

@@ -135,27 +135,38 @@ def draw_graphs(figure: Figure, indices: Sequence[ComputedIndex]) -> None:
     """Draw index panel per graph, and index with the legend."""
     panels = figure.subplots(3, 3).flat
     for index, axes in zip(indices, panels, strict=False):
-        _draw_graph(axes, index)
-    _draw_legend(list(figure.axes)[len(indices)])
-
-
-def _draw_graph(axes: Axes, index: ComputedIndex) -> None:
-    graph, at = index.computed.graph, {}
-    for vertex in graph.vertices:
-        angle = math.radians(_PLACES_DEG[vertex.name])
-        at[vertex.name] = (math.cos(angle), math.sin(angle))
-    links = graph.link_names()
-    referred = [] if index.reference is None else index.reference.link_names()
-    _draw_links(axes, at, [link for link in referred if link not in links], color="#c4c4c4", linestyle=":")
-    _draw_links(axes, at, links, color="#555555", linestyle="-")
-    for vertex in graph.vertices:
-        _draw_vertex(axes, vertex, *at[vertex.name], present=vertex.kind != "absent")
-    computed = index.computed
-    axes.set_title(
-        f"{index.printed.equation}: {index.printed.name}\n"
-        rf"$\bar{{d}}_w$ {computed.d_w_sim:.4g} of {computed.d_w_ref:.4g}"
-        f"\nWDRI {computed.wdri:.4f}, paper {index.printed.wdri:.2f}"
-    )
+        graph, at = index.computed.graph, {}
+        for vertex in graph.vertices:
+            angle = math.radians(_PLACES_DEG[vertex.name])
+            at[vertex.name] = (math.cos(angle), math.sin(angle))
+        links = graph.link_names()
+        referred = [] if index.reference is None else index.reference.link_names()
+        _draw_links(axes, at, [link for link in referred if link not in links], color="#c4c4c4", linestyle=":")
+        _draw_links(axes, at, links, color="#555555", linestyle="-")
+        for vertex in graph.vertices:
+            _draw_vertex(axes, vertex, *at[vertex.name], present=vertex.kind != "absent")
+        computed = index.computed
+        axes.set_title(
+            f"{index.printed.equation}: {index.printed.name}\n"
+            rf"$\bar{{d}}_w$ {computed.d_w_sim:.4g} of {computed.d_w_ref:.4g}"
+            f"\nWDRI {computed.wdri:.4f}, paper {index.printed.wdri:.2f}"
+        )
+        _bare(axes)
+    # The meaning of vertices and fillings
+    axes = list(figure.axes)[len(indices)]
+    rows = [
+        (Vertex("D", "real", 1.0), "real, weight 1"),
+        (Vertex("D", "virtual", 0.5), "virtual, weight 0.5"),
+        (Vertex("D", "virtual", 0.0), "there, weight 0 (eq 33)"),
+        (Vertex("D", "absent", 0.0), "absent"),
+    ]
+    for number, (vertex, words) in enumerate(rows):
+        y = 1.1 - 0.5 * number
+        _draw_vertex(axes, vertex, -1.1, y, present=vertex.kind != "absent")
+        axes.text(-0.8, y, words, va="center", fontsize=7.5)
+    lines = [f"{name}: {node_meaning(name)}" for name in ("D", "PS1", "M")]
+    lines += ["L, H: low and high level", "S, C, A: sensing, control,", " actuation"]
+    axes.text(-1.3, -0.9, "\n".join(lines), va="top", fontsize=7.5)
     _bare(axes)
 
 
@@ -192,24 +203,6 @@ def _paler(colour: str) -> tuple[float, ...]:
     from matplotlib.colors import to_rgb
 
     return tuple(0.7 + 0.3 * part for part in to_rgb(colour))
-
-
-def _draw_legend(axes: Axes) -> None:
-    """Draw the meaning of vertices and fillings."""
-    rows = [
-        (Vertex("D", "real", 1.0), "real, weight 1"),
-        (Vertex("D", "virtual", 0.5), "virtual, weight 0.5"),
-        (Vertex("D", "virtual", 0.0), "there, weight 0 (eq 33)"),
-        (Vertex("D", "absent", 0.0), "absent"),
-    ]
-    for number, (vertex, words) in enumerate(rows):
-        y = 1.1 - 0.5 * number
-        _draw_vertex(axes, vertex, -1.1, y, present=vertex.kind != "absent")
-        axes.text(-0.8, y, words, va="center", fontsize=7.5)
-    lines = [f"{name}: {node_meaning(name)}" for name in ("D", "PS1", "M")]
-    lines += ["L, H: low and high level", "S, C, A: sensing, control,", " actuation"]
-    axes.text(-1.3, -0.9, "\n".join(lines), va="top", fontsize=7.5)
-    _bare(axes)
 
 
 def _bare(axes: Axes) -> None:

@@ -182,14 +182,10 @@ def terms_of(model: VesselSpec) -> list[Term]:
     return terms
 
 
-def _cross(place: Array) -> Array:
-    x, y, z = place
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def _at_origin(linear: Array, angular: Array, place_frd_m: Array) -> Array:
     """Return (6, 6) about the origin of (3, 3) linear and angular parts at a place (Fossen 2021, eq 3.49)."""
-    arm = _cross(place_frd_m)
+    x, y, z = place_frd_m
+    arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.block([[linear, -linear @ arm], [arm @ linear, angular - arm @ linear @ arm]])
 
 

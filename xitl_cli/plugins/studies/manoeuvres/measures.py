@@ -162,7 +162,13 @@ def decay(time_s: Array, deflection: Array) -> Decay | None:
     turning = np.flatnonzero(np.diff(np.sign(np.diff(deflection))) != 0) + 1
     peaks = [(float(time_s[0]), abs(float(deflection[0])))]
     for index in turning:
-        at_s, size = _vertex(time_s, deflection, int(index))
+        # Instant and size of the extreme, by the parabola through the sample and its neighbours
+        at = int(index)
+        before, here, after = deflection[at - 1 : at + 2]
+        bend = before - 2.0 * here + after
+        off = 0.5 * (before - after) / bend if bend else 0.0
+        step = float(time_s[at + 1] - time_s[at])
+        at_s, size = float(time_s[at]) + off * step, abs(float(here - 0.25 * (before - after) * off))
         if size < _LEAST_SWING * peaks[0][1]:
             break
         peaks.append((at_s, size))
@@ -173,15 +179,6 @@ def decay(time_s: Array, deflection: Array) -> Decay | None:
     slope, _ = np.polyfit(np.arange(len(size)), np.log(size), 1)
     ratio = -slope / math.hypot(slope, math.pi)
     return Decay(2.0 * half_s * math.sqrt(1.0 - ratio**2), float(ratio))
-
-
-def _vertex(time_s: Array, values: Array, index: int) -> tuple[float, float]:
-    """Return instant and size of the extreme at a sample, by the parabola through it and its neighbours."""
-    before, here, after = values[index - 1 : index + 2]
-    bend = before - 2.0 * here + after
-    off = 0.5 * (before - after) / bend if bend else 0.0
-    step = float(time_s[index + 1] - time_s[index])
-    return float(time_s[index]) + off * step, abs(float(here - 0.25 * (before - after) * off))
 
 
 def response(phase_rad: Array, values: Array) -> NDArray[complex128]:

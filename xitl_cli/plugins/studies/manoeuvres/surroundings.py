@@ -23,7 +23,6 @@ from xitl_cli.plugins.studies.manoeuvres.references import FigureReference, Sour
 SURROUNDINGS = "surroundings"
 """Name of this validation among those of vessels."""
 _NT_PER_GAUSS = 1e5
-_DEEP_M = 1e4
 
 
 class Compared(NamedTuple):

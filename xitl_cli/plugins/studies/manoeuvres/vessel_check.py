@@ -77,7 +77,15 @@ def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselChe
     try:
         runs = _Runs(rest)
     except np.linalg.LinAlgError:  # a motion without bounds
-        findings += _diverging(rest)
+        findings.append(
+            wrong(
+                "motion.diverges",
+                "vehicle",
+                "under way its motion grows without bounds",
+                "correct the other values first; otherwise look for a damping that drives at speed, of "
+                f"{rest.model.name}",
+            )
+        )
         return VesselCheck(model.name, still, tuple(sorted(findings, key=lambda finding: -finding.severity)))
     figures = (
         *still,
@@ -93,15 +101,6 @@ def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselChe
         findings += turn_findings(rest, _number(values, "turn_diameter_starboard_m"), rate_radps)
     findings.sort(key=lambda finding: -finding.severity)
     return VesselCheck(model.name, figures, tuple(findings))
-
-
-def _diverging(rest: AtRest) -> Iterator[VesselFinding]:
-    yield wrong(
-        "motion.diverges",
-        "vehicle",
-        "under way its motion grows without bounds",
-        f"correct the other values first; otherwise look for a damping that drives at speed, of {rest.model.name}",
-    )
 
 
 class _Runs:

@@ -1,4 +1,4 @@
-"""`xitl identify vessel`: parameters of a vehicle from logs."""
+"""`xitl identify vessel` and `xitl identify sensors`: parameters of a vehicle, and of its sensors, from logs."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 import shlex
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -164,22 +165,67 @@ def _summary(result: Identification) -> str:
 
 def _show(result: Identification, written: list[Path]) -> None:
     from xitl_cli.commands.terminal import say, show_facts, show_rows, terminal
-    from xitl_cli.plugins.identify.identification_page import figure_rows, findings, key_rows, score_rows, shown
+    from xitl_cli.logs.report.wording import value_text
+    from xitl_cli.plugins.identify.identification_page import figure_rows, findings, key_rows, score_rows
     from xitl_cli.plugins.identify.prediction import SCORES
 
     console = terminal()
     say(console, f"{result.vessel.name}: {_summary(result)}", "bold")
     console.print()
     heads = ("figure", "value", "± σ", "unit")
-    show_rows(console, heads, [[shown(cell) for cell in row] for row in figure_rows(result)], text=(0, 3))
+    show_rows(console, heads, [[value_text(cell) for cell in row] for row in figure_rows(result)], text=(0, 3))
     console.print()
-    rows = [[shown(cell) for cell in row[:4]] for row in key_rows(result)]
+    rows = [[value_text(cell) for cell in row[:4]] for row in key_rows(result)]
     show_rows(console, ("key", "before", "identified", "± σ"), rows)
     console.print()
-    rows = [[shown(cell) for cell in row] for row in score_rows(result)]
+    rows = [[value_text(cell) for cell in row] for row in score_rows(result)]
     show_rows(console, ("window (s)", "error of", "windows", *SCORES), rows, text=(1,))
     if found := findings(result):
         console.print()
         show_facts(console, [("note", f"{own.sentence}\n→ {own.next_step}", "yellow") for own in found])
     for path in written:
         say(console, f"written: {path}")
+
+
+def sensors(
+    file: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Log with a boat at rest, and with manoeuvres if possible.")
+    ],
+    out: Annotated[Path | None, typer.Option("--out", metavar="YAML", help="File of the block `sensors`.")] = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Estimate noise densities, bias stability and the receiver's delay, and write the block `sensors`.
+
+    Exit code: 0 done; 2 the log has no IMU samples or no rest.
+    """
+    from xitl_cli.commands.terminal import show_facts, show_rows, terminal
+    from xitl_cli.logs import LogError, open_log
+    from xitl_cli.plugins.identify.sensors import identify_sensors, sensors_text
+
+    if out is not None and out.exists() and not overwrite:
+        raise UserError(f"{out} exists; choose another name, or use --overwrite")
+    try:
+        with open_log(file) as log:
+            found = identify_sensors(log)
+    except LogError as error:
+        raise UserError(str(error)) from error
+    if out is not None:
+        try:
+            out.write_text(sensors_text(found, file.name), encoding="utf-8")
+        except OSError as error:
+            raise UserError(f"{out}: cannot be written ({error.strerror}); choose another place") from error
+    if as_json:
+        document = {
+            "rest_s": found.rest_s,
+            "sensors": [asdict(own) for own in found.values],
+            "lacks": list(found.lacks),
+        }
+        typer.echo(json.dumps(document, allow_nan=False, ensure_ascii=False))
+        return
+    rows = [
+        (own.key, f"{own.value:.4g}", "" if own.sigma is None else f"{own.sigma:.2g}", own.note) for own in found.values
+    ]
+    console = terminal()
+    show_rows(console, ("key", "value", "± σ", ""), rows, text=(0, 3))
+    show_facts(console, [("note", lack, "yellow") for lack in found.lacks])
