@@ -151,22 +151,6 @@ def _fixed(name: str, value: float, type: int, meaning: str, unit: str = "") -> 
     return Parameter(name, value, value, value, unit, meaning, type)
 
 
-def _compass_rows() -> Iterator[Parameter]:
-    """One calibrated compass.
-
-    Device ids are those of ArduPilot's simulated sensors (libraries/AP_HAL, devtype SITL).
-    """
-    for number in ("", "2", "3"):
-        yield _fixed(f"COMPASS_DEV_ID{number}", 0 if number else 97539, INT32, "the compass; 0 for none")
-        yield _fixed(f"COMPASS_PRIO{number or 1}_ID", 0 if number else 97539, INT32, "compass of that rank; 0 for none")
-        yield _fixed(f"COMPASS_USE{number}", 0 if number else 1, INT8, "whether the estimator uses it")
-        external = f"COMPASS_EXTERN{number}" if number else "COMPASS_EXTERNAL"
-        yield _fixed(external, 0, INT8, "0 as it is aligned with the body")
-        yield _fixed(f"COMPASS_ORIENT{number}", 0, INT8, "0 as it is aligned with the body")
-        if number:
-            yield from (_fixed(f"COMPASS_OFS{number}_{a}", 0.0, REAL32, "there is none", "mGauss") for a in "XYZ")
-
-
 def _battery_rows() -> Iterator[Parameter]:
     """Battery settings under ArduPilot's names. They are stored without effect, because nothing measures a battery."""
     yield _fixed("BATT_MONITOR", 0, INT8, "0: nothing measures the battery")
@@ -192,7 +176,17 @@ def _battery_rows() -> Iterator[Parameter]:
 
 def _station_rows() -> Iterator[Parameter]:
     """Other ArduRover parameters that ground stations read, see docs/ground-stations.md."""
-    yield from _compass_rows()
+    # One calibrated compass. Device ids are those of ArduPilot's simulated sensors (libraries/AP_HAL, devtype
+    # SITL).
+    for number in ("", "2", "3"):
+        yield _fixed(f"COMPASS_DEV_ID{number}", 0 if number else 97539, INT32, "the compass; 0 for none")
+        yield _fixed(f"COMPASS_PRIO{number or 1}_ID", 0 if number else 97539, INT32, "compass of that rank; 0 for none")
+        yield _fixed(f"COMPASS_USE{number}", 0 if number else 1, INT8, "whether the estimator uses it")
+        external = f"COMPASS_EXTERN{number}" if number else "COMPASS_EXTERNAL"
+        yield _fixed(external, 0, INT8, "0 as it is aligned with the body")
+        yield _fixed(f"COMPASS_ORIENT{number}", 0, INT8, "0 as it is aligned with the body")
+        if number:
+            yield from (_fixed(f"COMPASS_OFS{number}_{a}", 0.0, REAL32, "there is none", "mGauss") for a in "XYZ")
     yield from _battery_rows()
     yield _fixed("AHRS_ORIENTATION", 0, INT8, "0: samples are in body axes")
     yield _fixed("BARO1_DEVID", 65540, INT32, "the barometer")

@@ -68,7 +68,13 @@ class RadarWorld:
             self._shape(mesh, vessel=number >= debris).moved(place, turned)
             for number, (mesh, place, turned) in enumerate(poses)
         ]
-        parts = (*self._fixed, *moving, self._reflectors(water_down_m))
+        places, sections = [], []
+        for reflector in self._spec.reflectors:
+            section_m2, height_m = REFLECTOR_SECTIONS_M2[reflector.kind]
+            height_m = height_m if reflector.height_m is None else reflector.height_m
+            places.append((*reflector.place_ne_m, water_down_m - height_m))
+            sections.append(section_m2 if reflector.cross_section_m2 is None else reflector.cross_section_m2)
+        parts = (*self._fixed, *moving, reflector_points(np.array(places).reshape(-1, 3), np.array(sections)))
         return replace(self._weather, points=parts, water_down_m=water_down_m)
 
     @cached_property
@@ -85,15 +91,6 @@ class RadarWorld:
             points = vessel_points(mesh, BODY_SPACING_M) if vessel else mesh_points(mesh, BODY_SPACING_M, afloat=True)
             self._shapes[key] = mesh, points  # the mesh too, so that its id is not used again
         return self._shapes[key][1]
-
-    def _reflectors(self, water_down_m: float) -> ScatterPoints:
-        places, sections = [], []
-        for reflector in self._spec.reflectors:
-            section_m2, height_m = REFLECTOR_SECTIONS_M2[reflector.kind]
-            height_m = height_m if reflector.height_m is None else reflector.height_m
-            places.append((*reflector.place_ne_m, water_down_m - height_m))
-            sections.append(section_m2 if reflector.cross_section_m2 is None else reflector.cross_section_m2)
-        return reflector_points(np.array(places).reshape(-1, 3), np.array(sections))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
@@ -72,7 +71,8 @@ class FleetSensor:
         self._time_ns = state.time_ns
         motion = state.vessel.motion
         if self._rows != list(range(len(motion.pos_ned_m))):
-            motion = _of_rows(motion, np.array(self._rows))
+            rows = np.array(self._rows)
+            motion = Kinematics(*(getattr(motion, field.name)[rows] for field in fields(Kinematics)))
         self._state, self._sample = self._sensor.measure(self._state, motion, self._normals)
         return self._sample
 
@@ -90,7 +90,3 @@ def row_of(record: T, row: int) -> T:
     kind: Any = type(record)
     own: T = kind(*(getattr(record, field.name)[row : row + 1] for field in fields(kind)))
     return own
-
-
-def _of_rows(motion: Kinematics, rows: NDArray[np.intp]) -> Kinematics:
-    return Kinematics(*(getattr(motion, field.name)[rows] for field in fields(Kinematics)))
