@@ -50,7 +50,7 @@ def assemble(
         from agent.companion.role import CompanionRole
 
         _refuse_what_the_embedded_one_has(options, "a companion")
-        role = CompanionRole()
+        role: Role = CompanionRole()
     else:
         role = _bridge(options, link.send, opened) if options.role == BRIDGE else _autopilot(options, link.send, opened)
     machine = read_machine()

@@ -176,8 +176,7 @@ def _battery_rows() -> Iterator[Parameter]:
 
 def _station_rows() -> Iterator[Parameter]:
     """Other ArduRover parameters that ground stations read, see docs/ground-stations.md."""
-    # One calibrated compass. Device ids are those of ArduPilot's simulated sensors (libraries/AP_HAL, devtype
-    # SITL).
+    # One calibrated compass. Device ids are of ArduPilot's simulated sensors (libraries/AP_HAL, devtype SITL).
     for number in ("", "2", "3"):
         yield _fixed(f"COMPASS_DEV_ID{number}", 0 if number else 97539, INT32, "the compass; 0 for none")
         yield _fixed(f"COMPASS_PRIO{number or 1}_ID", 0 if number else 97539, INT32, "compass of that rank; 0 for none")
@@ -209,8 +208,8 @@ def _station_rows() -> Iterator[Parameter]:
     yield _fixed("INS_ACC3_ID", 0, INT32, "there is none")
     yield _fixed("INS_GYR_ID", 2752772, INT32, "the gyroscope")
     yield _fixed("MODE_CH", 8, INT8, "RC channel of the mode switch, which is not read")
-    for number in range(1, 7):
-        yield Parameter(f"MODE{number}", 0, 0, 15, "", "stored; the mode switch is not read", INT8, _MODES)
+    for mode in range(1, 7):
+        yield Parameter(f"MODE{mode}", 0, 0, 15, "", "stored; the mode switch is not read", INT8, _MODES)
     yield Parameter("RCMAP_PITCH", 2, 1, RC_CHANNELS, "", "stored; a boat has no such stick", INT8)
     yield Parameter("RCMAP_YAW", 4, 1, RC_CHANNELS, "", "stored; RCMAP_ROLL steers", INT8)
     yield Parameter(SYSTEM_ID, 1, 1, 250, "", "system id of this autopilot, fixed at its start", INT16)
