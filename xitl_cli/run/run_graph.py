@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xitl_cli.errors import UserError
-from xitl_cli.graph.graph import Graph, Vertex, build_graph
-from xitl_cli.graph.measured import AgentTraffic, Edge, measured_graph
+from xitl_cli.graph.graph import AgentTraffic, Edge, Graph, Vertex, build_graph, measured_graph
 from xitl_cli.graph.wdri import VertexCount, Wdri, graph_from_profile, graph_wdri, profile_wdri
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.profile.files.catalogue import is_shipped
