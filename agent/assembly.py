@@ -45,18 +45,18 @@ def assemble(
     key = _signing(options.link_key, "--link-key")
     component_id = COMPANION_COMPONENT_ID if options.role == COMPANION else AUTOPILOT_COMPONENT_ID
     link = Link(faults.wrap(transport), options.system_id, component_id, signing=key)
-    role = _role(options, link.send, opened)
+    check_bridge(options)
+    if options.role == COMPANION:
+        from agent.companion.role import CompanionRole
+
+        _refuse_what_the_embedded_one_has(options, "a companion")
+        role: Role = CompanionRole()
+    else:
+        role = _bridge(options, link.send, opened) if options.role == BRIDGE else _autopilot(options, link.send, opened)
     machine = read_machine()
     machine = machine._replace(kind=options.kind or machine.kind, name=options.machine or machine.name)
     identity = Identity(role.nodes, machine, signed=key is not None)
     return AgentNode(link, role, identity, faults, options.silence_s, clock, say)
-
-
-def _role(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:
-    check_bridge(options)
-    if options.role == COMPANION:
-        return _companion(options)
-    return _bridge(options, send, opened) if options.role == BRIDGE else _autopilot(options, send, opened)
 
 
 def _refuse_what_the_embedded_one_has(options: Options, who: str) -> None:
@@ -64,13 +64,6 @@ def _refuse_what_the_embedded_one_has(options: Options, who: str) -> None:
         if getattr(options, name):
             option = "gcs" if name == "ground" else name.replace("_", "-")
             raise OptionsError(f"{option}: {who} has none; leave it out, or use the role fcu")
-
-
-def _companion(options: Options) -> Role:
-    from agent.companion.role import CompanionRole
-
-    _refuse_what_the_embedded_one_has(options, "a companion")
-    return CompanionRole()
 
 
 def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:

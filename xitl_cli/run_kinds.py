@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from sim_core.geodesy import LocalFrame
-    from xitl_cli.graph.measured import Edge
+    from xitl_cli.graph.graph import Edge
     from xitl_cli.profile.schema import RunProfile
     from xitl_cli.record.topics import Topic
     from xitl_cli.run.composition.parts import Place

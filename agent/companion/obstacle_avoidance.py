@@ -145,21 +145,18 @@ class ObstacleAvoidance:
             self._waiting.pop(0)
             if self.detector.add_cloud(self.vehicle.history, stamp_ns, points, offset_s, intensity):
                 self._cloud_ns = stamp_ns
-                self._track(stamp_ns)
-
-    def _track(self, stamp_ns: int) -> None:
-        pose = self.vehicle.pose_at(stamp_ns)
-        if pose is None:
-            return
-        bow_rad = heading_rad(pose)
-        self._current.update(stamp_ns, pose.vel_ned_mps, bow_rad, self.vehicle.yaw_rate_radps)
-        if 0 <= stamp_ns - self._looked_ns < TUNED.look_ns:
-            return
-        self._looked_ns = stamp_ns
-        reach_m = self.detector.water_reach_m
-        pos, view_rad, drift = pose.pos_ned_m[:2], bow_rad + self._view_yaw_rad, self._current.current_ne_mps
-        self._clusters = find_clusters(self.detector.frames, pos, TUNED.doubtful_share * reach_m)
-        self.tracker.update(stamp_ns, self._clusters, pos, view_rad, reach_m, drift)
+                pose = self.vehicle.pose_at(stamp_ns)
+                if pose is None:
+                    continue
+                bow_rad = heading_rad(pose)
+                self._current.update(stamp_ns, pose.vel_ned_mps, bow_rad, self.vehicle.yaw_rate_radps)
+                if 0 <= stamp_ns - self._looked_ns < TUNED.look_ns:
+                    continue
+                self._looked_ns = stamp_ns
+                reach_m = self.detector.water_reach_m
+                pos, view_rad, drift = pose.pos_ned_m[:2], bow_rad + self._view_yaw_rad, self._current.current_ne_mps
+                self._clusters = find_clusters(self.detector.frames, pos, TUNED.doubtful_share * reach_m)
+                self.tracker.update(stamp_ns, self._clusters, pos, view_rad, reach_m, drift)
 
     def plan(self, now_ns: int) -> Messages:
         """Return messages to the autopilot: mode changes, targets, requests. No targets while the path is free."""

@@ -151,22 +151,6 @@ def _fixed(name: str, value: float, type: int, meaning: str, unit: str = "") -> 
     return Parameter(name, value, value, value, unit, meaning, type)
 
 
-def _compass_rows() -> Iterator[Parameter]:
-    """One calibrated compass.
-
-    Device ids are those of ArduPilot's simulated sensors (libraries/AP_HAL, devtype SITL).
-    """
-    for number in ("", "2", "3"):
-        yield _fixed(f"COMPASS_DEV_ID{number}", 0 if number else 97539, INT32, "the compass; 0 for none")
-        yield _fixed(f"COMPASS_PRIO{number or 1}_ID", 0 if number else 97539, INT32, "compass of that rank; 0 for none")
-        yield _fixed(f"COMPASS_USE{number}", 0 if number else 1, INT8, "whether the estimator uses it")
-        external = f"COMPASS_EXTERN{number}" if number else "COMPASS_EXTERNAL"
-        yield _fixed(external, 0, INT8, "0 as it is aligned with the body")
-        yield _fixed(f"COMPASS_ORIENT{number}", 0, INT8, "0 as it is aligned with the body")
-        if number:
-            yield from (_fixed(f"COMPASS_OFS{number}_{a}", 0.0, REAL32, "there is none", "mGauss") for a in "XYZ")
-
-
 def _battery_rows() -> Iterator[Parameter]:
     """Battery settings under ArduPilot's names. They are stored without effect, because nothing measures a battery."""
     yield _fixed("BATT_MONITOR", 0, INT8, "0: nothing measures the battery")
@@ -192,7 +176,16 @@ def _battery_rows() -> Iterator[Parameter]:
 
 def _station_rows() -> Iterator[Parameter]:
     """Other ArduRover parameters that ground stations read, see docs/ground-stations.md."""
-    yield from _compass_rows()
+    # One calibrated compass. Device ids are of ArduPilot's simulated sensors (libraries/AP_HAL, devtype SITL).
+    for number in ("", "2", "3"):
+        yield _fixed(f"COMPASS_DEV_ID{number}", 0 if number else 97539, INT32, "the compass; 0 for none")
+        yield _fixed(f"COMPASS_PRIO{number or 1}_ID", 0 if number else 97539, INT32, "compass of that rank; 0 for none")
+        yield _fixed(f"COMPASS_USE{number}", 0 if number else 1, INT8, "whether the estimator uses it")
+        external = f"COMPASS_EXTERN{number}" if number else "COMPASS_EXTERNAL"
+        yield _fixed(external, 0, INT8, "0 as it is aligned with the body")
+        yield _fixed(f"COMPASS_ORIENT{number}", 0, INT8, "0 as it is aligned with the body")
+        if number:
+            yield from (_fixed(f"COMPASS_OFS{number}_{a}", 0.0, REAL32, "there is none", "mGauss") for a in "XYZ")
     yield from _battery_rows()
     yield _fixed("AHRS_ORIENTATION", 0, INT8, "0: samples are in body axes")
     yield _fixed("BARO1_DEVID", 65540, INT32, "the barometer")
@@ -215,8 +208,8 @@ def _station_rows() -> Iterator[Parameter]:
     yield _fixed("INS_ACC3_ID", 0, INT32, "there is none")
     yield _fixed("INS_GYR_ID", 2752772, INT32, "the gyroscope")
     yield _fixed("MODE_CH", 8, INT8, "RC channel of the mode switch, which is not read")
-    for number in range(1, 7):
-        yield Parameter(f"MODE{number}", 0, 0, 15, "", "stored; the mode switch is not read", INT8, _MODES)
+    for mode in range(1, 7):
+        yield Parameter(f"MODE{mode}", 0, 0, 15, "", "stored; the mode switch is not read", INT8, _MODES)
     yield Parameter("RCMAP_PITCH", 2, 1, RC_CHANNELS, "", "stored; a boat has no such stick", INT8)
     yield Parameter("RCMAP_YAW", 4, 1, RC_CHANNELS, "", "stored; RCMAP_ROLL steers", INT8)
     yield Parameter(SYSTEM_ID, 1, 1, 250, "", "system id of this autopilot, fixed at its start", INT16)

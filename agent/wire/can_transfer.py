@@ -151,17 +151,7 @@ class Reassembler:
             self.foreign += identifier >> 11 & 0xFFFF != self._own
             return None
         number, index = identifier >> 6 & TRANSFERS - 1, identifier & 0x3F
-        self._drop_old(transfers, number, now_s)
-        payload = transfers.done.get(number)
-        if payload is not None:
-            if payload[index * size : index * size + len(data)] == data:
-                self.repeated += 1
-                return None
-            self._restart_at(transfers, number)  # the number is reused
-        return self._store(transfers, number, index, data, fd, now_s)
-
-    def _drop_old(self, transfers: _Transfers, number: int, now_s: float) -> None:
-        """Drop transfers that are too old to belong to transfer `number`."""
+        # Drop transfers that are too old to belong to transfer `number`
         heard_s, transfers.heard_s = transfers.heard_s, now_s
         if heard_s is None or now_s - heard_s > SILENCE_S:
             self.incomplete += len(transfers.open)
@@ -170,6 +160,13 @@ class Reassembler:
             transfers.newest = number
         elif (transfers.newest - number) % TRANSFERS >= _WINDOW:
             self._restart_at(transfers, number)
+        payload = transfers.done.get(number)
+        if payload is not None:
+            if payload[index * size : index * size + len(data)] == data:
+                self.repeated += 1
+                return None
+            self._restart_at(transfers, number)  # the number is reused
+        return self._store(transfers, number, index, data, fd, now_s)
 
     def _restart_at(self, transfers: _Transfers, number: int) -> None:
         transfers.newest = number

@@ -275,21 +275,20 @@ class OpenWater(Specification):
         ratios = tuple(1.05 * zero * point / 200 for point in range(201))
         return ratios, tuple(k0 + k1 * ratio + k2 * ratio * ratio for ratio in ratios)
 
-    def _check_polynomial(self, polynomial: Vector) -> None:
-        k0, k1, k2 = polynomial
-        if k0 <= 0:
-            raise SpecificationError(("thrust_polynomial", 0), f"= {k0:g} gives no thrust at rest; use a k0 above 0")
-        if k1 >= 0 or k1 * k1 < 4 * k0 * k2:
-            raise SpecificationError(
-                ("thrust_polynomial",), "does not fall to K_T = 0 from J = 0 on; look for a wrong sign"
-            )
-
     def check(self) -> None:
         ratios, coefficients = self.advance_ratio, self.thrust_coefficient
         if self.thrust_polynomial is not None:
             if ratios is not None or coefficients is not None:
                 raise SpecificationError(("thrust_polynomial",), "and a table exclude each other; give one of them")
-            self._check_polynomial(self.thrust_polynomial)
+            k0, k1, k2 = self.thrust_polynomial
+            if k0 <= 0:
+                raise SpecificationError(
+                    ("thrust_polynomial", 0), f"= {k0:g} gives no thrust at rest; use a k0 above 0"
+                )
+            if k1 >= 0 or k1 * k1 < 4 * k0 * k2:
+                raise SpecificationError(
+                    ("thrust_polynomial",), "does not fall to K_T = 0 from J = 0 on; look for a wrong sign"
+                )
             return
         if ratios is None or coefficients is None:
             raise SpecificationError((), "needs advance_ratio and thrust_coefficient, or thrust_polynomial")
@@ -595,7 +594,12 @@ class VesselSpec(Specification):
             raise SpecificationError(("hull",), "is missing; give it or `hulls`")
 
         self._check_inertia()
-        parsed = self._parsed_derivatives()
+        parsed = {}
+        for name in self.derivatives:
+            try:
+                parsed[name] = parse_derivative(name)
+            except ValueError as error:
+                raise SpecificationError(("derivatives", name), str(error)) from None
         if self.table_key is not None:
             self._check_table(self.table_key, parsed)
         elif self.derivatives_contain not in (None, "damping") and not self.derivatives:
@@ -694,15 +698,6 @@ class VesselSpec(Specification):
                 f"= [{xy:g}, {xz:g}, {yz:g}] belong to no body: they are too large for the moments of inertia_kgm2; "
                 "reduce them",
             )
-
-    def _parsed_derivatives(self) -> dict[str, Derivative]:
-        parsed = {}
-        for name in self.derivatives:
-            try:
-                parsed[name] = parse_derivative(name)
-            except ValueError as error:
-                raise SpecificationError(("derivatives", name), str(error)) from None
-        return parsed
 
     def _check_given_once(self, parsed: dict[str, Derivative]) -> None:
         """Check that each term is given once: by its matrix, by its axis or by its name."""

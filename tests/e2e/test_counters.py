@@ -39,8 +39,7 @@ from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from xitl_cli.commands.sim_report import autopilot_rows
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run.links.link_accounts import LinkAccounts
-from xitl_cli.run.links.link_timing import LockstepTiming
+from xitl_cli.run.links.link_accounts import LinkAccounts, LockstepTiming
 from xitl_cli.run.nodes.bridge import AutopilotReport
 
 host, agent = (Link(end, 1, number) for number, end in enumerate(memory_pair()))

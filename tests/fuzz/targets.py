@@ -50,7 +50,7 @@ from xitl_cli.profile.files.entry import Entry, Origin
 from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.missions import ground_station_files, map_files
 from xitl_cli.profile.missions.course import Course, MissionFileError
-from xitl_cli.profile.tide_file import with_tide_file
+from xitl_cli.profile.named_files import with_tide_file
 from xitl_cli.replay.pulse_log import read_csv
 from xitl_cli.run.links.launch_requests import launch_from_request
 from xitl_cli.run.operator.operation import read_events

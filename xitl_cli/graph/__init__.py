@@ -1,1 +1,1 @@
-"""The node graph of a simulation (graph.py), its realism index (wdri.py) and the measured graph (measured.py)."""
+"""The node graph of a simulation, as described and as measured (graph.py), and its realism index (wdri.py)."""

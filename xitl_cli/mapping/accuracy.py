@@ -70,7 +70,18 @@ def perception_sections(
         if moving is not None:
             errors |= _aligned_errors(reference, moving.apply(other))
         if len(reference.stamp_ns):
-            errors |= _anchored_errors(reference, other)
+            # Errors with the first poses aligned. The level error leaves out the height: a degree of
+            # tilt at the start changes it by a metre in sixty.
+            moved, _ = align_trajectory(reference, other, "origin")
+            absolute = error_statistics(absolute_errors_m(reference, moved))
+            level = error_statistics(np.hypot(*(moved.pos_m - reference.pos_m)[:, :2].T))
+            assert absolute is not None
+            assert level is not None
+            errors |= {
+                "anchored_rms_m": round(absolute.rms, 4),
+                "anchored_max_m": round(absolute.most, 4),
+                "anchored_level_rms_m": round(level.rms, 4),
+            }
         laying = laid(reference, other)
         if boom is not None and laying is not None:
             points_ned_m = seen.points_odom_m @ laying.rotation.T + laying.translation
@@ -186,21 +197,4 @@ def _aligned_errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
         "ate_rms_m": None if absolute is None else round(absolute.rms, 4),
         "ate_max_m": None if absolute is None else round(absolute.most, 4),
         "rpe_m": None if relative is None else round(relative.rms, 4),
-    }
-
-
-def _anchored_errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
-    """Return errors with the first poses aligned.
-
-    The level error leaves out the height: a degree of tilt at the start changes it by a metre in sixty.
-    """
-    moved, _ = align_trajectory(reference, other, "origin")
-    absolute = error_statistics(absolute_errors_m(reference, moved))
-    level = error_statistics(np.hypot(*(moved.pos_m - reference.pos_m)[:, :2].T))
-    assert absolute is not None
-    assert level is not None
-    return {
-        "anchored_rms_m": round(absolute.rms, 4),
-        "anchored_max_m": round(absolute.most, 4),
-        "anchored_level_rms_m": round(level.rms, 4),
     }

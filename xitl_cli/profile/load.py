@@ -18,12 +18,11 @@ from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.fleet import is_fleet, read_fleet, unfold, unfolded_entry
 from xitl_cli.profile.geographic import with_places_in_metres
 from xitl_cli.profile.leftovers import leftovers
-from xitl_cli.profile.missions.mission_file import with_mission_files
+from xitl_cli.profile.named_files import with_mission_files, with_tide_file
 from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.schema.agents import EXTERNAL, FIND
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
-from xitl_cli.profile.tide_file import with_tide_file
 
 _ANY_FILE: tuple[KeyPath, ...] = (
     ("driver", "file"),

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from xitl_cli.errors import UserError
-from xitl_cli.graph.graph import Graph, Vertex, build_graph
-from xitl_cli.graph.measured import AgentTraffic, Edge, measured_graph
+from xitl_cli.graph.graph import AgentTraffic, Edge, Graph, Vertex, build_graph, measured_graph
 from xitl_cli.graph.wdri import VertexCount, Wdri, graph_from_profile, graph_wdri, profile_wdri
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.profile.files.catalogue import is_shipped
@@ -46,7 +45,13 @@ def graph_section(profile: RunProfile, agents: Sequence[AgentTraffic], edges: It
     """
     claimed = profile_wdri(profile)
     graph = measured_graph(agents, edges)
-    measured = _measured_wdri(graph, profile)
+    measured = None
+    present = graph.present()
+    if present > 0:  # nothing was measured in a run that failed before it began
+        vertices: VertexCount = profile.graph.vertices
+        if isinstance(vertices, int):
+            vertices = max(vertices, present)
+        measured = graph_wdri(graph, profile.graph.reference or COMPLETE, vertices, f"{profile.name} as it ran")
     claimed_links, measured_links = claimed.graph.link_names(), graph.link_names()
     return {
         "reference": claimed.reference,
@@ -74,17 +79,6 @@ def _overclaimed(claimed: Graph, measured: Graph) -> tuple[str, ...]:
     """Return the nodes that are real in `claimed` and virtual in `measured`."""
     real = {vertex.name for vertex in claimed.vertices if vertex.kind == "real"}
     return tuple(vertex.name for vertex in measured.vertices if vertex.kind == "virtual" and vertex.name in real)
-
-
-def _measured_wdri(graph: Graph, profile: RunProfile) -> Wdri | None:
-    """Return the measured WDRI, or None when nothing was measured because the run failed before it began."""
-    present = graph.present()
-    if present == 0:
-        return None
-    vertices: VertexCount = profile.graph.vertices
-    if isinstance(vertices, int):
-        vertices = max(vertices, present)
-    return graph_wdri(graph, profile.graph.reference or COMPLETE, vertices, f"{profile.name} as it ran")
 
 
 def is_run(name: str) -> bool:

@@ -17,7 +17,7 @@ from agent.fcu.dataflash import records
 from agent.fcu.dataflash.format import FORMATS, FORMATS_IN_LOCKSTEP, header
 from agent.fcu.dataflash.writer import LogWriter, Opener
 from agent.fcu.mission import MissionItem, MissionSequence
-from agent.fcu.parameters import TABLE, Parameters
+from agent.fcu.parameters import TABLE
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.autopilot import LOOP_HZ, Autopilot
 from agent.fcu.vehicle_state import INFO, WARNING, Actuators
@@ -148,7 +148,15 @@ class ChangeLog:
 
     def _log_changes(self, now_us: int, autopilot: Autopilot, old: _Snapshot, new: _Snapshot) -> None:
         if new.parameters_version != old.parameters_version:
-            self._log_parameters(now_us, autopilot.parameters)
+            # The parameters that changed; all of them in the first call
+            pack, values = FORMATS["PARM"].pack, self._values
+            for name in autopilot.parameters:
+                value = autopilot.parameters[name]
+                if values.get(name) != value:
+                    values[name] = value
+                    self._put(pack(now_us, name.encode(), value, _DEFAULTS.get(name, math.nan)))
+            x, y, z = (values.get(f"COMPASS_OFS_{axis}", 0.0) for axis in "XYZ")
+            self.offset_mgauss = (x, y, z)
             if autopilot.fence.enabled != self._fence_on:
                 self._fence_on = autopilot.fence.enabled
                 self._put(FORMATS["EV"].pack(now_us, FENCE_ON if self._fence_on else FENCE_OFF))
@@ -199,17 +207,6 @@ class ChangeLog:
             self._armed = armed
             self._put(FORMATS["ARM"].pack(now_us, int(armed), int(self._values.get("ARMING_CHECK", 0))))
             self._put(FORMATS["EV"].pack(now_us, ARMED if armed else DISARMED))
-
-    def _log_parameters(self, now_us: int, parameters: Parameters) -> None:
-        """Log the parameters that changed since the last call; all of them in the first call."""
-        pack, values = FORMATS["PARM"].pack, self._values
-        for name in parameters:
-            value = parameters[name]
-            if values.get(name) != value:
-                values[name] = value
-                self._put(pack(now_us, name.encode(), value, _DEFAULTS.get(name, math.nan)))
-        x, y, z = (values.get(f"COMPASS_OFS_{axis}", 0.0) for axis in "XYZ")
-        self.offset_mgauss = (x, y, z)
 
     def _log_error(self, now_us: int, subsystem: int, code: int) -> None:
         self._put(FORMATS["ERR"].pack(now_us, subsystem, code))

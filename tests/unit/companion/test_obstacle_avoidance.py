@@ -13,7 +13,7 @@ from sim_core.world.debris import USUAL_LENGTH_M, BodyKind, make_body
 from sim_core.world.geometry import CONCRETE, box, moved
 from sim_core.world.rays import Scene, ScenePart
 from sim_core.world.structures import LogBoom
-from xitl_cli.run.scores.obstacles import NEAR_M
+from xitl_cli.run.core.scores import NEAR_M
 
 pytest.importorskip("embreex")
 LEG_M, SPEED_MPS, CURRENT_MPS = 120.0, 3.0, 0.7

@@ -15,7 +15,7 @@ from agent.wire import dialect
 from tests.golden import Golden
 from xitl_cli.commands.wdri import wdri
 from xitl_cli.errors import UserError
-from xitl_cli.graph.measured import FROM_AGENT, TO_AGENT, AgentTraffic, measured_graph
+from xitl_cli.graph.graph import FROM_AGENT, TO_AGENT, AgentTraffic, measured_graph
 from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile import load_profile, resolved_yaml
 from xitl_cli.profile.schema.graph import is_node_name

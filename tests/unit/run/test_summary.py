@@ -23,9 +23,9 @@ from xitl_cli.run.core.reports import (
     FaultReport,
     NodeReport,
 )
+from xitl_cli.run.core.scores import MissionScore
 from xitl_cli.run.core.statistics import Histogram
 from xitl_cli.run.links.link_accounts import agent_traffic
-from xitl_cli.run.scores.mission import MissionScore
 from xitl_cli.run.session import Result
 from xitl_cli.run.summary import RunOutcome, Sections, VesselOutcome, merged, summary_of
 

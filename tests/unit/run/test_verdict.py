@@ -9,7 +9,7 @@ import pytest
 from tests.golden import Golden
 from xitl_cli.record.topics import AutopilotEvent, LinkReport, PaceReport, TaskTiming
 from xitl_cli.run.core.reports import ClockReport, Ending, FaultReport
-from xitl_cli.run.verdict import Verdict, judge, measured_figures, stop_text, why_text
+from xitl_cli.run.summary import Verdict, judge, measured_figures, stop_text, why_text
 
 PHYSICS = TaskTiming("PS1", "physics", 400.0, 40_000, 14_400)
 CONTROL = TaskTiming("LC", "control", 50.0, 4900, 300, skipped=100)

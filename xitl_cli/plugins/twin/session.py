@@ -15,7 +15,7 @@ from sim_core.environment.spec import Water
 from sim_core.frames import Array, euler_to_quat
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
-from xitl_cli.graph.measured import AgentTraffic, measured_graph
+from xitl_cli.graph.graph import AgentTraffic, measured_graph
 from xitl_cli.graph.wdri import Wdri, graph_wdri
 from xitl_cli.plugins.twin.bank import ModelBank
 from xitl_cli.plugins.twin.boat import INTERVAL_S, BoatInterval, BoatTelemetry, IntervalReader, Outputs, Source

@@ -21,7 +21,7 @@ from enum import IntEnum, auto
 from typing import Any, TypeVar
 
 from xitl_cli.errors import UserError
-from xitl_cli.graph.measured import Edge
+from xitl_cli.graph.graph import Edge
 from xitl_cli.run.core.node import RunNode
 
 T = TypeVar("T")
@@ -100,7 +100,7 @@ class Part:
     """Attributes of the node that are nodes at other places."""
     edges: tuple[Edge, ...] = ()
     """Links of the run's graph inside this machine that exist when the run has the node. Links to agents are measured:
-    see `xitl_cli.graph.measured`."""
+    see `xitl_cli.graph.graph`."""
 
 
 def part(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.random import default_rng
 
 from xitl_cli.errors import UserError
-from xitl_cli.graph.measured import Edge
+from xitl_cli.graph.graph import Edge
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.graph import architecture, is_node_name
 from xitl_cli.record.recorder import check_added_topic
@@ -40,12 +40,12 @@ if TYPE_CHECKING:  # nodes that few runs have; the functions that make them impo
     from xitl_cli.run.core.live_output import LiveOutput, LiveVessel
     from xitl_cli.run.nodes.ais import AisLine, AisRecorder
     from xitl_cli.run.nodes.bridge import BridgeNode
+    from xitl_cli.run.nodes.companion import EstimateRate, RosCompanionNode
+    from xitl_cli.run.nodes.direct_control import OperatedControl
     from xitl_cli.run.nodes.fault_injection import FaultInjection
     from xitl_cli.run.nodes.findings import FindingsNode
-    from xitl_cli.run.nodes.operated_control import OperatedControl
     from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
     from xitl_cli.run.nodes.river import CollisionNode
-    from xitl_cli.run.nodes.ros_companion import EstimateRate, RosCompanionNode
     from xitl_cli.run.nodes.vessel_orders import VesselOrders
     from xitl_cli.run_kinds import NodeContext, NodeKind
 
@@ -164,7 +164,7 @@ def adrift(setup: VesselSetup) -> ControlNode:
 
 @part(Place.CONTROL, when=VesselSetup.is_driven_by_nodes, provides=("ControlNode", "Steering"), edges=DRIVEN)
 def operated(setup: VesselSetup) -> OperatedControl:
-    from xitl_cli.run.nodes.operated_control import OperatedControl
+    from xitl_cli.run.nodes.direct_control import OperatedControl
 
     return OperatedControl(setup.profile, setup.profile.ros.silent_s)
 
@@ -295,7 +295,7 @@ def links(setup: VesselSetup, agents: Agents, autopilot: AutopilotNode) -> LinkR
 
 @part(Place.ESTIMATE_RATE, when=VesselSetup.asks_for_estimates)
 def estimate_rate(setup: VesselSetup, autopilot: AutopilotNode) -> EstimateRate | None:
-    from xitl_cli.run.nodes.ros_companion import EstimateRate
+    from xitl_cli.run.nodes.companion import EstimateRate
 
     rate_hz = setup.profile.ros.estimate_rate_hz
     return EstimateRate(autopilot.new_commands(), rate_hz) if rate_hz else None
@@ -311,7 +311,7 @@ def sensors(setup: VesselSetup) -> SensorRecorder:
 
 @part(Place.ROS_COMPANION, when=VesselSetup.has_ros_companion)
 def ros_companion(setup: VesselSetup, orders: VesselOrders) -> RosCompanionNode:
-    from xitl_cli.run.nodes.ros_companion import RosCompanionNode
+    from xitl_cli.run.nodes.companion import RosCompanionNode
 
     assert setup.profile.companion is not None
     return RosCompanionNode(setup.profile.companion, orders.asked_by)

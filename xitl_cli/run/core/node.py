@@ -29,7 +29,7 @@ from sim_core.simulation import SimulationState
 from sim_core.state_class import state_class
 from sim_core.world.contact import Contacts
 from xitl_cli.errors import UserError
-from xitl_cli.graph.measured import Edge
+from xitl_cli.graph.graph import Edge
 from xitl_cli.record.mcap_file import ChannelMirror
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand

@@ -13,7 +13,7 @@ from xitl_cli.record.topics import ClockExchange
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.reports import ClockReport
-from xitl_cli.run.links.link_timing import LinkTiming
+from xitl_cli.run.links.link_accounts import LinkTiming
 
 NODE = "autopilot"
 REALTIME_HZ, LOCKSTEP_HZ = 10.0, 1.0

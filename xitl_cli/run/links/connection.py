@@ -20,7 +20,7 @@ from agent.wire.link import Link
 from agent.wire.signing import Signing
 from agent.wire.transport import Transport
 from xitl_cli.errors import UserError
-from xitl_cli.graph.measured import AgentTraffic
+from xitl_cli.graph.graph import AgentTraffic
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import LinkReport

@@ -15,8 +15,7 @@ from xitl_cli.record.topics import ClockExchange, MotionEstimate, MotorCommand
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.links.link_accounts import LinkAccounts, node_state
-from xitl_cli.run.links.link_timing import LinkTiming, LockstepTiming
+from xitl_cli.run.links.link_accounts import LinkAccounts, LinkTiming, LockstepTiming, node_state
 
 _HEAD = 10  # bytes of a MAVLink 2 frame before its payload
 _US, _MS = 1_000, 1_000_000

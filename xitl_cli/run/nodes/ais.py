@@ -16,10 +16,19 @@ from xitl_cli.profile.schema.world import AisRadioSpec
 from xitl_cli.record.topics import AisReport
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.links.autopilot_commands import Send
-from xitl_cli.run.traffic.ais import AisDimensions, AisStatic, sentences
-from xitl_cli.run.traffic.receivers import AisReceiver, SentenceReceiver, mavlink_receiver, px4_receiver
+from xitl_cli.run.traffic.ais import (
+    AisClass,
+    AisDimensions,
+    AisReceiver,
+    AisStatic,
+    AisTransmission,
+    SentenceReceiver,
+    Transponder,
+    mavlink_receiver,
+    px4_receiver,
+    sentences,
+)
 from xitl_cli.run.traffic.self_report import VesselVoices
-from xitl_cli.run.traffic.transponder import AisClass, AisTransmission, Transponder
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
 

@@ -19,6 +19,7 @@ from xitl_cli.record.topics import ActuatorAge, MotionEstimate
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunStep
 from xitl_cli.run.core.reports import ActuatorReport, Progress
+from xitl_cli.run.core.scores import EstimateCheck
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.agent_workers import AgentWorkers
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
@@ -33,7 +34,6 @@ from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
 from xitl_cli.run.links.peer import AgentOptions, open_peer
 from xitl_cli.run.links.setup import Plans, embedded_parameters, mission_plans
 from xitl_cli.run.nodes.drivers import VehicleDriver
-from xitl_cli.run.scores.estimation import EstimateCheck
 from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.traffic.self_report import SelfReport, report_from_estimate
 from xitl_cli.run.world.plant import PlantView

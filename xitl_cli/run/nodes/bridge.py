@@ -23,7 +23,7 @@ from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.process import CONSOLE, FirmwareProcess, newest_log
-from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic
+from xitl_cli.graph.graph import ACTUATORS, SENSORS, AgentTraffic
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Table, first_of
@@ -31,12 +31,11 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand, TaskTiming
 from xitl_cli.run.core.node import PluginNodeError, RunContext, RunNode, RunStep
-from xitl_cli.run.launch.ardupilot import FirmwareLaunch, resolved_bridge
-from xitl_cli.run.launch.px4 import Px4Launch
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.autopilot_commands import Send
 from xitl_cli.run.links.bridge_clock import SIMULATED_UNEVEN_NS, AutopilotClock
 from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.links.launch import FirmwareLaunch, Px4Launch, resolved_bridge
 from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.links.setup import live_parameters, mission_plans
 from xitl_cli.run.nodes.drivers import VehicleDriver

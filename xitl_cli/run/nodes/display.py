@@ -20,8 +20,8 @@ from rich.text import Text
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
+from xitl_cli.run.core.scores import MissionScore
 from xitl_cli.run.links.connection import WARNING, AgentConnection
-from xitl_cli.run.scores.mission import MissionScore
 from xitl_cli.run.world.plant import PlantView
 
 LIVE_INTERVAL_S = 0.2

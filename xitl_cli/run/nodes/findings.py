@@ -33,7 +33,7 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MAP_SOURCES, MapSource
 from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep, SimulationClock
-from xitl_cli.run.scores.obstacles import ObstacleScore
+from xitl_cli.run.core.scores import ObstacleScore
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.scenery import Scenery
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
-from xitl_cli.run.scores.mission import MissionScore, Point
+from xitl_cli.run.core.scores import MissionScore, Point
 from xitl_cli.run.world.scene import make_mission_scene
 
 

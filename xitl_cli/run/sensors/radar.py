@@ -1,8 +1,10 @@
-"""The radar in a run: keeps the motion during a sector, and scans it in a thread after its end."""
+"""The radar in a run: keeps the motion during a sector, scans it in a thread after its end, and draws the turn."""
 
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -10,12 +12,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy import uint8
 from numpy.random import Generator, default_rng
+from numpy.typing import NDArray
 
 from agent.wire.codec import Message
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.lidar import BodyTrack
-from sim_core.sensors.radar import MarineRadar, RadarSector, RadarSurroundings
+from sim_core.sensors.radar import FIRST_ANGLE_RAD, MarineRadar, RadarSector, RadarSurroundings
 from sim_core.sensors.radar_clutter import sea_state
 from sim_core.sensors.radar_plots import find_plots
 from sim_core.sensors.radar_targets import ScatterPoints, mesh_points, reflector_points, vessel_points
@@ -25,10 +29,38 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.record.topics import RadarPlot
 from xitl_cli.run.core.node import RunStep
-from xitl_cli.run.sensors.radar_picture import RadarPicture
 from xitl_cli.run.world.plant import PlantView
 from xitl_cli.scenery import Scenery
 from xitl_cli.seeds import Seeds
+
+_FASTEST = 1  # speckle compresses badly anyway
+
+
+class RadarPicture:
+    """Pictures of size_px by size_px pixels. The vessel is in the middle, and the range is half of the size."""
+
+    def __init__(self, radar: MarineRadar, size_px: int) -> None:
+        self._size_px = size_px
+        across = np.arange(size_px) + 0.5 - 0.5 * size_px
+        right, ahead = across[None, :], -across[:, None]
+        number = np.hypot(right, ahead) / (0.5 * size_px) * radar.spec.bins
+        spoke = np.rint((np.arctan2(right, ahead) - FIRST_ANGLE_RAD) % math.tau / radar.step_rad)
+        self._outside = number >= radar.spec.bins
+        self._number = np.where(self._outside, 0, number).astype(np.intp)
+        self._spoke = spoke.astype(np.intp) % radar.spec.spokes
+
+    def png(self, intensity: NDArray[uint8]) -> bytes:
+        """Return the file of a turn with intensities (spokes, bins)."""
+        pixels = np.where(self._outside, uint8(0), intensity[self._spoke, self._number])
+        rows = np.pad(pixels, ((0, 0), (1, 0)))  # filter 0 before each row
+        header = struct.pack(">IIBBBBB", self._size_px, self._size_px, 8, 0, 0, 0, 0)
+        data = zlib.compress(rows.astype(uint8).tobytes(), _FASTEST)
+        return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
 
 FIXED_SPACING_M, BODY_SPACING_M = 2.0, 0.5
 """Largest distance between scattering points of fixed structures, and of vessels and drifting bodies."""
@@ -68,7 +100,13 @@ class RadarWorld:
             self._shape(mesh, vessel=number >= debris).moved(place, turned)
             for number, (mesh, place, turned) in enumerate(poses)
         ]
-        parts = (*self._fixed, *moving, self._reflectors(water_down_m))
+        places, sections = [], []
+        for reflector in self._spec.reflectors:
+            section_m2, height_m = REFLECTOR_SECTIONS_M2[reflector.kind]
+            height_m = height_m if reflector.height_m is None else reflector.height_m
+            places.append((*reflector.place_ne_m, water_down_m - height_m))
+            sections.append(section_m2 if reflector.cross_section_m2 is None else reflector.cross_section_m2)
+        parts = (*self._fixed, *moving, reflector_points(np.array(places).reshape(-1, 3), np.array(sections)))
         return replace(self._weather, points=parts, water_down_m=water_down_m)
 
     @cached_property
@@ -85,15 +123,6 @@ class RadarWorld:
             points = vessel_points(mesh, BODY_SPACING_M) if vessel else mesh_points(mesh, BODY_SPACING_M, afloat=True)
             self._shapes[key] = mesh, points  # the mesh too, so that its id is not used again
         return self._shapes[key][1]
-
-    def _reflectors(self, water_down_m: float) -> ScatterPoints:
-        places, sections = [], []
-        for reflector in self._spec.reflectors:
-            section_m2, height_m = REFLECTOR_SECTIONS_M2[reflector.kind]
-            height_m = height_m if reflector.height_m is None else reflector.height_m
-            places.append((*reflector.place_ne_m, water_down_m - height_m))
-            sections.append(section_m2 if reflector.cross_section_m2 is None else reflector.cross_section_m2)
-        return reflector_points(np.array(places).reshape(-1, 3), np.array(sections))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from tests.golden import Golden
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.profile import ground_stations_of
-from xitl_cli.run.launch.ardupilot import FirmwareLaunch, resolved_bridge
+from xitl_cli.run.links.launch import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.links.setup import parameter_file_text, start_parameters
 

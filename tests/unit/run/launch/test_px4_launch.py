@@ -9,7 +9,7 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.run.launch.px4 import Px4Launch
+from xitl_cli.run.links.launch import Px4Launch
 from xitl_cli.run.links.ports import PortClaims
 from xitl_cli.run.nodes.bridge import make_launch
 

@@ -11,7 +11,7 @@ from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from sim_core.geodesy import LocalFrame
 from xitl_cli.run.links.inbox import AgentInbox
-from xitl_cli.run.links.link_timing import LinkTiming
+from xitl_cli.run.links.link_accounts import LinkTiming
 
 NOW_NS = 9_000_000_000
 AHEAD_US = 5_000_000  # of the autopilot's clock

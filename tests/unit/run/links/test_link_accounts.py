@@ -17,8 +17,7 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.inbox import AgentInbox
-from xitl_cli.run.links.link_accounts import LinkAccounts
-from xitl_cli.run.links.link_timing import LockstepTiming
+from xitl_cli.run.links.link_accounts import LinkAccounts, LockstepTiming
 from xitl_cli.run.links.peer import AgentOptions, InProcessAgent
 
 Fate = Callable[[], int]

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from agent.wire import dialect
-from xitl_cli.run.links.link_timing import LinkTiming, LockstepTiming
+from xitl_cli.run.links.link_accounts import LinkTiming, LockstepTiming
 
 MS = 1_000_000
 S = 1000 * MS

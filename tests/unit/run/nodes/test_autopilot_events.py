@@ -18,7 +18,7 @@ from tests.golden import Golden
 from xitl_cli.record.topics import AutopilotEvent
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_events import AutopilotEventNode
-from xitl_cli.run.verdict import stop_text
+from xitl_cli.run.summary import stop_text
 
 DATA = Path(__file__).parents[3] / "data"
 AUTO, HOLD, RTL, GUIDED = 10, 4, 11, 15

@@ -14,8 +14,8 @@ from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.geodesy import LocalFrame
 from sim_core.world.debris import no_debris
 from xitl_cli.run.core.node import RunStep
+from xitl_cli.run.core.scores import ObstacleScore
 from xitl_cli.run.nodes.findings import FindingsNode
-from xitl_cli.run.scores.obstacles import ObstacleScore
 
 S = 1_000_000_000
 

@@ -9,8 +9,8 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
+from xitl_cli.run.nodes.direct_control import OperatedControl
 from xitl_cli.run.nodes.display import NoDisplay
-from xitl_cli.run.nodes.operated_control import OperatedControl
 from xitl_cli.run.nodes.operator import OperatorNode
 from xitl_cli.run.operator.actions import ActionError, Arm, CommandMotor, EndRun, SteerVelocity
 from xitl_cli.run.operator.operation import Operation

@@ -11,7 +11,7 @@ import pytest
 from xitl_cli.profile import load_profile
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import NodeReport
-from xitl_cli.run.nodes.ros_companion import RosCompanionNode
+from xitl_cli.run.nodes.companion import RosCompanionNode
 from xitl_cli.run.run_graph import graph_section
 
 

@@ -14,8 +14,8 @@ from tests.unit.sim_core.motion import at_rest
 from xitl_cli.profile.load import load_profile
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
+from xitl_cli.run.nodes.companion import ASKS, EstimateRate
 from xitl_cli.run.nodes.recorders import SensorRecorder
-from xitl_cli.run.nodes.ros_companion import ASKS, EstimateRate
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
 

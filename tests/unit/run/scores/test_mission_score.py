@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from xitl_cli.run.scores.estimation import EstimationScore
-from xitl_cli.run.scores.mission import MissionScore, cross_track_m
+from xitl_cli.run.core.scores import EstimationScore, MissionScore, cross_track_m
 
 
 def test_cross_track_is_positive_to_the_right_of_the_leg() -> None:

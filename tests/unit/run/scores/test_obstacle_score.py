@@ -12,7 +12,7 @@ from sim_core.world.debris import BodyKind, DebrisState, Launch, launched, no_de
 from sim_core.world.geometry import CONCRETE, Mesh, box, moved
 from sim_core.world.primitive_rays import PrimitiveCaster
 from sim_core.world.rays import Bodies
-from xitl_cli.run.scores.obstacles import ObstacleScore
+from xitl_cli.run.core.scores import ObstacleScore
 
 HULL_M = (2.3, 1.6)
 

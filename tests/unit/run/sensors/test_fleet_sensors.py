@@ -9,8 +9,7 @@ import pytest
 
 from agent.wire.codec import prepare
 from xitl_cli.profile import load_profile
-from xitl_cli.run.sensors.sensing import SensorSuite, make_sensing
-from xitl_cli.run.sensors.together import DRAWN_AHEAD, FleetNormals
+from xitl_cli.run.sensors.sensing import DRAWN_AHEAD, FleetNormals, SensorSuite, make_sensing
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build_plant
 from xitl_cli.scenery import Scenery

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim_core.frames import Array
-from xitl_cli.run.traffic.encounter_watch import EncounterWatch, HullPlans, PairState
+from xitl_cli.run.nodes.encounters import EncounterWatch, HullPlans, PairState
 
 HULL = (np.array([[[-2.0, -0.8], [2.0, -0.8]], [[-2.0, 0.8], [2.0, 0.8]]]), np.array([0.2, 0.2]))
 POINT = (np.zeros((1, 2, 2)), np.zeros(1))

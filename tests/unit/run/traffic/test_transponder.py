@@ -11,10 +11,20 @@ import pytest
 
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
-from xitl_cli.run.traffic.ais import AisDimensions, AisPosition, AisStatic
-from xitl_cli.run.traffic.receivers import adsb_vehicle, ais_vessel, mavlink_receiver
+from xitl_cli.run.traffic.ais import (
+    AisClass,
+    AisDimensions,
+    AisPosition,
+    AisStatic,
+    AisTransmission,
+    CourseChange,
+    Transponder,
+    adsb_vehicle,
+    ais_vessel,
+    mavlink_receiver,
+    reporting_interval_s,
+)
 from xitl_cli.run.traffic.self_report import SelfReport
-from xitl_cli.run.traffic.transponder import AisClass, AisTransmission, CourseChange, Transponder, reporting_interval_s
 
 KNOT = 1852.0 / 3600.0
 S = 1_000_000_000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim_core.world.contact import Contacts
-from xitl_cli.run.world.collisions import Collisions
+from xitl_cli.run.nodes.river import Collisions
 
 STEP_NS = 2_500_000
 

@@ -1,1 +1,0 @@
-"""Scores of a run against the truth."""
