@@ -177,11 +177,9 @@ def _lines(path: Path) -> Iterator[Row]:
                 if (
                     line.endswith(b"\n")
                     and isinstance(row, dict)
-                    and (
-                        isinstance(row.get("number"), int)
-                        and isinstance(row.get("key"), str)
-                        and {"status", "passed"} <= row.keys()
-                    )
+                    and isinstance(row.get("number"), int)
+                    and isinstance(row.get("key"), str)
+                    and {"status", "passed"} <= row.keys()
                 ):
                     yield row
     except FileNotFoundError:

@@ -278,30 +278,13 @@ class RtpsServices:
                 if now_s >= self._next_s:
                     self._next_s = now_s + ANNOUNCED_S[0 if self.announced < FIRST_ANNOUNCEMENTS else 1]
                     self.announced += 1
-                    # Announce to the group, and to each known participant, which may not receive the group.
-                    base = 7400 + 250 * self._domain
-                    self._send([(GROUP, base)], [self._announcement()])
-                    to = dict.fromkeys(place for remote in self.remotes.values() for place in remote.meta)
-                    if self._local:
-                        to |= dict.fromkeys((LOOPBACK, base + 10 + 2 * number) for number in LOCAL_PARTICIPANTS)
-                    self._send(list(to), [self._announcement()])
+                    self._announce()
                 if now_s >= self._beat_s:
                     self._beat_s = now_s + HEARTBEAT_S
                     for remote in [gone for gone in self.remotes.values() if now_s - gone.heard_s > gone.lease_s]:
                         del self.remotes[remote.prefix]
                     for remote in self.remotes.values():
-                        # Send heartbeats to participants that have not confirmed all samples
-                        for writer, reader in _SEDP:
-                            last = len(self._descriptions[writer])
-                            if remote.acked.get(writer, 0) < last:
-                                beat = rtps.heartbeat(reader, writer, 1, last, next(self._counts))
-                                self._send(remote.meta, [beat], remote.prefix)
-                        for service in self._services:
-                            if (
-                                service.last > remote.acked.get(service.writer, 0)
-                                and service.response_topic in remote.readers.values()
-                            ):
-                                self._send_responses(remote, service, [])
+                        self._send_heartbeats(remote)
 
     def _read(self, end: socket.socket) -> None:
         for _ in range(MOST_AT_ONCE):
@@ -329,6 +312,15 @@ class RtpsServices:
                 continue
 
     # Discovery
+
+    def _announce(self) -> None:
+        """Announce to the group, and to each known participant, which may not receive the group."""
+        base = 7400 + 250 * self._domain
+        self._send([(GROUP, base)], [self._announcement()])
+        to = dict.fromkeys(place for remote in self.remotes.values() for place in remote.meta)
+        if self._local:
+            to |= dict.fromkeys((LOOPBACK, base + 10 + 2 * number) for number in LOCAL_PARTICIPANTS)
+        self._send(list(to), [self._announcement()])
 
     def _announcement(self) -> bytes:
         place = rtps.locator(self._address, self.port)
@@ -369,6 +361,17 @@ class RtpsServices:
         beat = rtps.heartbeat(reader, writer, 1, len(known), next(self._counts))
         for start in range(0, max(len(parts), 1), MOST_IN_PACKET):
             self._send(remote.meta, [*parts[start : start + MOST_IN_PACKET], beat], remote.prefix)
+
+    def _send_heartbeats(self, remote: Remote) -> None:
+        """Send heartbeats to a participant that has not confirmed all samples."""
+        for writer, reader in _SEDP:
+            last = len(self._descriptions[writer])
+            if remote.acked.get(writer, 0) < last:
+                beat = rtps.heartbeat(reader, writer, 1, last, next(self._counts))
+                self._send(remote.meta, [beat], remote.prefix)
+        for service in self._services:
+            if service.last > remote.acked.get(service.writer, 0) and service.response_topic in remote.readers.values():
+                self._send_responses(remote, service, [])
 
     def _send_responses(self, remote: Remote, service: RtpsService, numbers: list[int]) -> None:
         known = [(number, *service.responses[number]) for number in numbers if number in service.responses]

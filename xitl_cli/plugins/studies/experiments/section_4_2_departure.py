@@ -124,12 +124,10 @@ def measure_departure(setup: ExperimentSetup, environment: str, sensors: str) ->
         overrides["autopilot.firmware"] = setup.firmware
     result = setup.run_profile(
         name,
-        (
-            f"# Section 4.2 of the paper: {ENVIRONMENTS[environment]}.\n"
-            f"extends: [{PROFILES[sensors]}, environments/{environment}]\n"
-            f"description: Departure in {ENVIRONMENTS[environment]}, floating free\n\n"
-            "autopilot: {moored_until_armed: false}\n"
-        ),
+        f"# Section 4.2 of the paper: {ENVIRONMENTS[environment]}.\n"
+        f"extends: [{PROFILES[sensors]}, environments/{environment}]\n"
+        f"description: Departure in {ENVIRONMENTS[environment]}, floating free\n\n"
+        "autopilot: {moored_until_armed: false}\n",
         overrides,
     )
     autopilot = result.summary.get("autopilot") or {}
@@ -441,10 +439,9 @@ def _draw_scheduler(figure: Figure, pairs: _Pairs) -> None:
             panels[0].plot(traces.max_t.time_s, traces.max_t.values * 1e-3, marker=".", label=label, **look)
         if traces.origin_height is not None:
             panels[1].plot(traces.origin_height.time_s, traces.origin_height.values, **look)
-    axes = panels[0]
-    axes.set_ylabel("MaxT (ms)")
-    axes.set_ylim(bottom=0.0)
-    name_lines(axes, loc="lower right", fontsize=6.5)
+    panels[0].set_ylabel("MaxT (ms)")
+    panels[0].set_ylim(bottom=0.0)
+    name_lines(panels[0], loc="lower right", fontsize=6.5)
     if heights:
         panels[1].set_ylabel("EKF origin height (m)")
     panels[-1].set_xlabel("time since the autopilot's start (s)")

@@ -258,6 +258,7 @@ def loop_side(name: str, directory: Path) -> LoopSide:
     """Read the data of a run from both its logs."""
     log_path = directory / "autopilot.bin"
     with open_log(directory / "run.mcap") as run, open_log(log_path if log_path.exists() else run.path) as log:
+        # The first autonomous navigation while armed
         armed = signals.armed(log)
         starts = [
             max(mode.from_ns, span.from_ns)
