@@ -14,7 +14,7 @@ PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check -
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-slow test-realtime checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
+.PHONY: run package test test-fast test-medium test-slow test-realtime checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -54,13 +54,17 @@ package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
 
 test:  ## all tests, one stage after the other
 	$(MAKE) test-fast
+	$(MAKE) test-medium
 	$(MAKE) test-slow
 	$(MAKE) test-realtime
 
-test-fast: $(VENV)/.dev  ## the tests to run all day
-	$(FAST_WORKERS) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
+test-fast: $(VENV)/.dev  ## the tests to run all day: up to 0.2 s of processor time each (PYTEST=arguments)
+	$(FAST_WORKERS) $(BIN)/python -m pytest -m "not medium and not slow and not realtime" -n auto $(PYTEST)
 
-test-slow: $(VENV)/.dev  ## those that take seconds, beside each other
+test-medium: $(VENV)/.dev  ## those that take up to 2 s of processor time each
+	$(FAST_WORKERS) $(BIN)/python -m pytest -m "medium and not slow and not realtime" -n auto
+
+test-slow: $(VENV)/.dev  ## those that take or wait for seconds, beside each other
 	$(SLOW_WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
 
 test-realtime: $(VENV)/.dev  ## those that keep up with a board, with nodes of ROS or with the clock, one at a time and alone

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from tests import golden, permitted_skips
+from tests import golden, permitted_skips, processor_time
 from tests.recorded_run import FOLDER
 
 settings.register_profile("any machine", deadline=None)
@@ -56,7 +56,7 @@ LONGEST_FIRST = (
     "test_fleet_mix.py",
 )
 RANKS = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
-KINDS = ("slow", "realtime")
+KINDS = processor_time.LATER
 ALL_ARE = r"(?m)^pytestmark = (?:\[[^]]*)?pytest\.mark\.%s\b"
 TESTS = re.compile(r"(?m)((?:^@.*\n(?:^[ \])}].*\n)*)*)^(?:(?:async )?def test_|class Test|Test\w+ = )")
 """Each test of a file. The group has its decorators."""
@@ -65,10 +65,12 @@ FOR_ALL_TESTS_OF_A_FILE = 'scope="module"'
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     golden.add_option(parser)
+    processor_time.add_option(parser)
 
 
 def pytest_configure(config: pytest.Config) -> None:
     permitted_skips.register(config)
+    processor_time.register(config)
     golden.register(config, Path(__file__).parent)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell's background job has it ignored, and so has whatever it starts.

@@ -1,11 +1,14 @@
-"""A run of ours, recorded once for all tests, also for those of other processes."""
+"""Runs and values that are made once for all tests, also for those of other processes."""
 
 from __future__ import annotations
 
 import fcntl
+import json
 import os
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from tests.forked_xitl import run_xitl
 
@@ -32,6 +35,16 @@ def recorded_run(profile: str = "sitl", duration_s: float = 30.0, *overrides: st
             done = run_xitl([*words, "--out", "run", "--json"], folder, os.environ, ENOUGH_S)
             assert done.returncode == 0, done.stderr
     return folder / "run"
+
+
+def made_once(name: str, make: Callable[[], Any]) -> Any:
+    """Return the JSON value that `make` returned to the first process of the tests that asked for this name."""
+    file = Path(os.environ[FOLDER]) / f"{name}.json"
+    with file.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not file.exists():
+            file.write_text(json.dumps(make()), encoding="utf-8")
+    return json.loads(file.read_text(encoding="utf-8"))
 
 
 def recorded_faults() -> Path:

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import theilslopes
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +69,8 @@ def growth(samples: Sequence[Sample], settle_s: float) -> Growth | None:
     settled = [each for each in samples if each.at_s >= settle_s]
     if len(settled) < 6:
         return None
+    from scipy.stats import theilslopes  # the whole package takes a second
+
     columns = {name: np.array([asdict(each)[name] for each in settled], dtype=float) for name in asdict(settled[0])}
     hours = columns["at_s"] / 3600.0
     slopes = {name: theilslopes(columns[f"{name}_kib"] * 1024e-6, hours, alpha=0.95) for name in ("rss", "pss", "uss")}

@@ -30,6 +30,8 @@ from xitl_cli.logs import open_log
 MOST_MB_PER_H = 1.0
 SETTLE_S = 600.0
 SAMPLE_S = 10.0
+ASK_S = 20.0
+"""Pause between two requests of the busiest station."""
 FIRST_FAULT_S = 60.0
 LAST_FAULT_S = 30.0
 """Before the end: the ends of the links agree on a link without faults."""
@@ -105,7 +107,9 @@ class Watched:
                 self.samples.setdefault(name, []).append(taken)
 
 
-def run(folder: Path, duration_s: float, seed: int, split_s: float, sample_s: float) -> tuple[Watched, list[Client]]:
+def run(
+    folder: Path, duration_s: float, seed: int, split_s: float, sample_s: float, ask_s: float
+) -> tuple[Watched, list[Client]]:
     """Make the run in `folder`. Raises RuntimeError if it does not begin."""
     ports = free_port(2), free_port()
     profile = soak_profile(duration_s, seed, ports, split_s)
@@ -124,10 +128,10 @@ def run(folder: Path, duration_s: float, seed: int, split_s: float, sample_s: fl
     ]
     stations: list[Client] = [
         Station(
-            f"tcp:127.0.0.1:{ports[0]}", 255, steers=True, requests=("parameters", "mission", "files"), pause_s=20.0
+            f"tcp:127.0.0.1:{ports[0]}", 255, steers=True, requests=("parameters", "mission", "files"), pause_s=ask_s
         ),
-        Station(f"tcp:127.0.0.1:{ports[0]}", 254, requests=("mission", "files"), pause_s=40.0, stay_s=120.0),
-        Station(f"udpin:127.0.0.1:{ports[1]}", 253, requests=("parameters",), pause_s=60.0),
+        Station(f"tcp:127.0.0.1:{ports[0]}", 254, requests=("mission", "files"), pause_s=2.0 * ask_s, stay_s=120.0),
+        Station(f"udpin:127.0.0.1:{ports[1]}", 253, requests=("parameters",), pause_s=3.0 * ask_s),
     ]
     watched = Watched()
     with said.open("w") as output:
@@ -351,12 +355,17 @@ def printed(result: Mapping[str, Any]) -> str:
 
 
 def soak(
-    folder: Path, duration_s: float, seed: int, split_s: float = 600.0, sample_s: float = SAMPLE_S
+    folder: Path,
+    duration_s: float,
+    seed: int,
+    split_s: float = 600.0,
+    sample_s: float = SAMPLE_S,
+    ask_s: float = ASK_S,
 ) -> dict[str, Any]:
     """Make a run of `duration_s` in `folder` and judge it. Writes folder/soak.json."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    watched, clients = run(folder, duration_s, seed, split_s, sample_s)
+    watched, clients = run(folder, duration_s, seed, split_s, sample_s, ask_s)
     result = judged(folder, watched, clients, duration_s, seed, min(SETTLE_S, 0.2 * duration_s))
     (folder / "soak.json").write_text(json.dumps(result, indent=1))
     return result

@@ -6,12 +6,14 @@ short, except where the page shows what they print.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -35,10 +37,17 @@ from tests.documentation import (
 )  # fmt: skip
 from tests.forked_xitl import run_xitl
 from tests.recorded import CALM, GUST
-from tests.recorded_run import recorded_run
+from tests.recorded_run import FOLDER, recorded_run
 
 PARSED_ONLY = ("pip", "git", "cd", "make", "ip", "mavproxy.py", "ardurover")
 RUN_S, ENOUGH_S = 1, 300.0
+END_OF_BLOCK = "that was a block"
+CONSOLE_OF_BLOCKS = """\
+import json, sys
+for line in sys.stdin:
+    exec(json.loads(line), globals())
+    print("\\n" + sys.argv[1], flush=True)
+"""
 LOGS = {"autopilot.bin": "runs/x/autopilot.bin", "run.mcap": "runs/x/run.mcap", "simulated.bin": "runs/x/autopilot.bin"}
 
 
@@ -48,6 +57,7 @@ class Reader:
     def __init__(self, directory: Path) -> None:
         self.directory = directory
         self.typed: dict[str, str] = {}
+        self.python: subprocess.Popen[str] | None = None
         commands = directory.parent / f"{directory.name}-commands"
         commands.mkdir()
         script = commands / "xitl"
@@ -58,7 +68,7 @@ class Reader:
             **environment(),
             "PATH": path,
             "PYTHONPATH": str(ROOT),
-            "XITL_CACHE": str(directory / "cache"),
+            "XITL_CACHE": str(Path(os.environ[FOLDER]) / "cache"),  # one for all pages: it keeps the compiled physics
             "ROS_DOMAIN_ID": str(own_domain()),
         }
 
@@ -115,14 +125,30 @@ class Reader:
         return max(runs, key=lambda run: run.stat().st_mtime).name if runs else "none"
 
     def run_code(self, block: Block) -> None:
-        """Each block of a page begins where the one before it has ended."""
+        """Each block of a page begins where the one before it has ended: one process runs them all."""
+        if self.python is None:
+            words = [sys.executable, "-c", CONSOLE_OF_BLOCKS, END_OF_BLOCK]
+            self.python = subprocess.Popen(
+                words, cwd=self.directory, env=self.environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT, text=True,
+            )  # fmt: skip
+        assert self.python.stdin is not None
+        assert self.python.stdout is not None
         text = block.text.replace('xitl.simulate("sitl",', f'xitl.simulate("sitl", duration_s={RUN_S},')
-        self.code = f"{getattr(self, 'code', '')}\n{text}"
-        told = subprocess.run(
-            [sys.executable, "-c", self.code], cwd=self.directory, env=self.environment, capture_output=True,
-            text=True, timeout=ENOUGH_S, check=False,
-        )  # fmt: skip
-        assert told.returncode == 0, f"{block}\n{told.stderr}"
+        self.python.stdin.write(f"{json.dumps(text)}\n")
+        self.python.stdin.flush()
+        printed = []
+        for line in self.python.stdout:
+            if line == f"{END_OF_BLOCK}\n":
+                return
+            printed.append(line)
+        raise AssertionError(f"{block}\n{''.join(printed)}")
+
+    def close(self) -> None:
+        """End the process of the code blocks, as Python ends after its last line."""
+        if self.python is not None:
+            printed, _ = self.python.communicate(timeout=ENOUGH_S)
+            assert self.python.returncode == 0, printed
 
 
 @pytest.mark.slow
@@ -140,25 +166,30 @@ def test_what_a_page_has_typed_works(page: str, tmp_path: Path) -> None:
     for name in ("mine.csv", "pool-test.csv"):
         shutil.copy(ROOT / "profiles/replays/zigzag.csv", directory / name)
     shutil.copy(directory / "autopilot.bin", directory / "runs/mine/autopilot.bin")
-    reader = Reader(directory)
-    for block in blocks(page):
-        kind = block.kind
-        if block.note == "needs":
-            continue
-        if kind == FILE:
-            reader.write(block)
-        elif kind == CODE:
-            reader.run_code(block)
-        elif kind == COMMANDS:
-            for command in block.commands:
-                if command.program not in PARSED_ONLY:
-                    reader.run(command, short=not is_shown(page, command))
-        elif kind == CONSOLE:
-            check_console(reader, block)
-        elif kind in (OUTPUT, SHAPE):
-            printed = reader.shown(Command(page, block.line, block.about))
-            missing = holds(block.text, printed, shape=kind == SHAPE)
-            assert not missing, f"{block}: not printed:\n{missing}\n\nbut:\n{printed}"
+    with closing(Reader(directory)) as reader:
+        for block in blocks(page):
+            follow(reader, block)
+
+
+def follow(reader: Reader, block: Block) -> None:
+    """Do what a block of its page says."""
+    kind = block.kind
+    if block.note == "needs":
+        return
+    if kind == FILE:
+        reader.write(block)
+    elif kind == CODE:
+        reader.run_code(block)
+    elif kind == COMMANDS:
+        for command in block.commands:
+            if command.program not in PARSED_ONLY:
+                reader.run(command, short=not is_shown(block.page, command))
+    elif kind == CONSOLE:
+        check_console(reader, block)
+    elif kind in (OUTPUT, SHAPE):
+        printed = reader.shown(Command(block.page, block.line, block.about))
+        missing = holds(block.text, printed, shape=kind == SHAPE)
+        assert not missing, f"{block}: not printed:\n{missing}\n\nbut:\n{printed}"
 
 
 def short_plan(text: str) -> str:

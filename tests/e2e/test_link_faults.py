@@ -9,6 +9,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,44 +23,48 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
+from tests.free_ports import free_port as next_free_port
 from tests.golden import Golden
 from tests.patience import PATIENCE_S, let_pass, wait_until
 from xitl_cli.logs import open_log
 from xitl_cli.plugins.logs.analyses import events, links
 
-Start = Callable[..., subprocess.Popen[str]]
+Run = subprocess.Popen[str]
+Start = Callable[..., Run]
 
 
-@pytest.fixture
-def start(tmp_path: Path, free_port: int) -> Iterator[Start]:
-    """`xitl sim` in real time with an agent process, under way; whatever is left of it is killed at the end."""
-    started: list[subprocess.Popen[str]] = []
-
-    def begin(*arguments: str, yaml: str = "extends: hitl-loopback\n") -> subprocess.Popen[str]:
-        (tmp_path / "boat.yaml").write_text(yaml)
-        link = f"autopilot.link=udp://127.0.0.1:{free_port}"
-        nobody = "autopilot.ground_stations=[]"
-        process = subprocess.Popen(
-            command("sim", "--profile", "boat.yaml", "--set", link, "--set", nobody, *arguments, "--out", "run"),
-            cwd=tmp_path,
-            env=environment(),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
+@contextmanager
+def under_way(folder: Path, port: int, *arguments: str, yaml: str = "extends: hitl-loopback\n") -> Iterator[Run]:
+    """`xitl sim` in real time with an agent process, from its first line of progress on; killed in the end."""
+    (folder / "boat.yaml").write_text(yaml)
+    link = f"autopilot.link=udp://127.0.0.1:{port}"
+    nobody = "autopilot.ground_stations=[]"
+    process = subprocess.Popen(
+        command("sim", "--profile", "boat.yaml", "--set", link, "--set", nobody, *arguments, "--out", "run"),
+        cwd=folder,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
         assert process.stdout is not None
-        process.stdout.readline()  # the first line of progress
-        return process
-
-    yield begin
-    for process in started:
+        process.stdout.readline()
+        yield process
+    finally:
         if process.poll() is None:
             for child in children_of(process):
                 os.kill(child, signal.SIGCONT)
             process.send_signal(signal.SIGCONT)
             process.kill()
         process.communicate()
+
+
+@pytest.fixture
+def start(tmp_path: Path, free_port: int) -> Iterator[Start]:
+    """`under_way` in the folder of the test."""
+    with ExitStack() as stack:
+        yield lambda *arguments, **options: stack.enter_context(under_way(tmp_path, free_port, *arguments, **options))
 
 
 def children_of(process: subprocess.Popen[str]) -> list[int]:
@@ -70,6 +77,82 @@ def ended(process: subprocess.Popen[str], code: int) -> str:
     assert process.returncode == code, stderr
     assert len(stderr.strip().splitlines()) == (code == 2), stderr
     return stderr
+
+
+SILENT_S = 5.2
+"""Five seconds, also if the last command before them came late."""
+
+
+def stop_agent(process: Run) -> None:
+    (agent,) = children_of(process)
+    os.kill(agent, signal.SIGSTOP)
+    let_pass(SILENT_S)
+    os.kill(agent, signal.SIGCONT)
+
+
+def stop_host(process: Run) -> None:
+    process.send_signal(signal.SIGSTOP)
+    let_pass(3.0)
+    process.send_signal(signal.SIGCONT)
+
+
+def kill_first_agent(process: Run) -> None:
+    active, _ = children_of(process)
+    let_pass(12.5)  # armed and under way
+    os.kill(active, signal.SIGKILL)
+
+
+def leave_alone(process: Run) -> None:
+    pass
+
+
+HITL = "extends: hitl-loopback\n"
+CUT = f"{HITL}faults:\n  gap: {{from_s: 1.0, until_s: {1.0 + SILENT_S}, link: {{cut: true}}}}\n"
+STEP = f"{HITL}faults:\n  step: {{from_s: 2.0, agent: {{clock_offset_s: 0.5}}}}\n"
+STANDBY = f"""\
+{HITL}mission: {{speed_mps: 3.0}}
+autopilot: {{standby: {{runs: process, link: "udp://127.0.0.1:0", takeover_s: 0.2, max_step: 0.04}}}}
+"""
+DISTURBED: dict[str, tuple[str, str, Callable[[Run], None]]] = {
+    "standby": (STANDBY, "16", kill_first_agent),
+    "silent agent": (HITL, "7.7", stop_agent),
+    "cut": (CUT, "7.7", leave_alone),
+    "stopped host": (HITL, "4", stop_host),
+    "stepped clock": (STEP, "4.5", leave_alone),
+}
+"""Profile, duration and disturbance of runs that keep up with the clock, the longest first."""
+AT_ONCE = 3  # each keeps a fifth of a processor busy
+
+
+@dataclass(frozen=True)
+class Disturbed:
+    """A run that is over, without an error. printed: on stdout."""
+
+    folder: Path
+    printed: str
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        return summary(self.folder)
+
+
+@pytest.fixture(scope="session")
+def disturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Future[Disturbed]]:
+    """The runs of DISTURBED: some at once, as they mostly wait for the clock."""
+
+    def run(name: str, folder: Path, port: int) -> Disturbed:
+        yaml, duration_s, disturb = DISTURBED[name]
+        with under_way(folder, port, "--duration", duration_s, yaml=yaml) as process:
+            disturb(process)
+            printed, stderr = process.communicate(timeout=PATIENCE_S)
+        assert (process.returncode, stderr) == (0, ""), name
+        return Disturbed(folder / "run", printed)
+
+    with ThreadPoolExecutor(AT_ONCE) as threads:
+        return {
+            name: threads.submit(run, name, tmp_path_factory.mktemp("disturbed"), next_free_port())
+            for name in DISTURBED
+        }
 
 
 def said(directory: Path) -> str:
@@ -114,16 +197,13 @@ def test_a_host_that_is_killed_leaves_no_agent_behind(start: Start) -> None:
 
 
 @pytest.mark.realtime
-def test_an_agent_that_is_silent_for_five_seconds_is_said_and_the_run_goes_on(start: Start, tmp_path: Path) -> None:
-    process = start("--duration", "7.5")
-    (agent,) = children_of(process)
-    os.kill(agent, signal.SIGSTOP)
-    let_pass(5.0)
-    os.kill(agent, signal.SIGCONT)
-    ended(process, 0)
-    told = summary(tmp_path / "run")
+def test_an_agent_that_is_silent_for_five_seconds_is_said_and_the_run_goes_on(
+    disturbed: dict[str, Future[Disturbed]],
+) -> None:
+    run = disturbed["silent agent"].result()
+    told = run.summary
     assert told["error"] is None
-    text = said(tmp_path / "run")
+    text = said(run.folder)
     assert text.count("no motor commands from the agent for 0.5 s") == 1
     assert text.count("the agent commands again after 5.") == 1
     assert told["actuators"]["longest_stale"] >= 240  # exchanges at 50 Hz
@@ -155,16 +235,13 @@ def test_an_agent_that_stays_silent_ends_the_run_with_one_sentence(start: Start,
 
 
 @pytest.mark.realtime
-def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(start: Start, tmp_path: Path) -> None:
-    process = start("--duration", "4")
-    process.send_signal(signal.SIGSTOP)
-    let_pass(3.0)
-    process.send_signal(signal.SIGCONT)
-    printed, stderr = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, stderr) == (0, "")
-    assert "ended: duration reached" in printed
-    assert "not a real-time run: the host stalled" in " ".join(printed.split())
-    told = summary(tmp_path / "run")
+def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(
+    disturbed: dict[str, Future[Disturbed]],
+) -> None:
+    run = disturbed["stopped host"].result()
+    assert "ended: duration reached" in run.printed
+    assert "not a real-time run: the host stalled" in " ".join(run.printed.split())
+    told = run.summary
     assert told["verdict"]["real_time"] is False
     assert 2.5 < told["verdict"]["longest_stall_s"] < 3.5
     assert told["warnings"][-1] == f"not a real-time run: {'; '.join(told['verdict']['shortfalls'])}"
@@ -173,21 +250,20 @@ def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(start: 
     assert told["pace"]["slips"] == 1
     assert 2.5 < told["pace"]["slipped_s"] < 3.5
     assert told["wall_s"] == pytest.approx(told["duration_s"] + told["pace"]["slipped_s"], abs=0.2)
-    assert "this machine stalled" in said(tmp_path / "run")
+    assert "this machine stalled" in said(run.folder)
     assert_counts_add_up(told)
     # Nothing in the recording is from a time that the simulation had not reached.
-    topics = payloads(tmp_path / "run/run.mcap")
+    topics = payloads(run.folder / "run.mcap")
     assert max(stamp_ns for messages in topics.values() for stamp_ns, _ in messages) < 4.2e9
     states = [stamp_ns for stamp_ns, _ in topics["/truth/state"]]
     assert states == [number * 20_000_000 for number in range(1, 201)]
 
 
 @pytest.mark.realtime
-def test_a_link_that_is_cut_for_five_seconds(start: Start, tmp_path: Path) -> None:
+def test_a_link_that_is_cut_for_five_seconds(disturbed: dict[str, Future[Disturbed]]) -> None:
     """Some 1500 frames to the agent and 500 from it are lost in a row, which no sequence number can tell."""
-    cut = "extends: hitl-loopback\nfaults:\n  gap: {from_s: 1.0, until_s: 6.0, link: {cut: true}}\n"
-    ended(start("--duration", "7.5", yaml=cut), 0)
-    told = summary(tmp_path / "run")
+    run = disturbed["cut"].result()
+    told = run.summary
     assert told["error"] is None
     assert_counts_add_up(told)
     sensors, actuators = told["links"]
@@ -195,11 +271,11 @@ def test_a_link_that_is_cut_for_five_seconds(start: Start, tmp_path: Path) -> No
     assert actuators["lost"] > 300
     assert (sensors["impaired"], actuators["impaired"]) == (sensors["lost"], actuators["lost"])
     assert (sensors["repeated"], actuators["repeated"]) == (0, 0)
-    text = said(tmp_path / "run")
+    text = said(run.folder)
     assert "Failsafe over" in text  # that it began was lost
     assert "the agent commands again after 5." in text
     (fault,) = told["faults"]
-    assert (fault["from_s"], fault["until_s"]) == (1.0, 6.0)
+    assert (fault["from_s"], fault["until_s"]) == (1.0, 1.0 + SILENT_S)
 
 
 @pytest.mark.slow
@@ -215,14 +291,13 @@ def test_a_link_that_loses_repeats_delays_and_reorders_adds_up(start: Start, tmp
 
 
 @pytest.mark.realtime
-def test_a_board_clock_that_steps_is_found_and_the_run_goes_on(start: Start, tmp_path: Path) -> None:
-    step = "extends: hitl-loopback\nfaults:\n  step: {from_s: 2.0, agent: {clock_offset_s: 0.5}}\n"
-    ended(start("--duration", "4.5", yaml=step), 0)
-    told = summary(tmp_path / "run")
+def test_a_board_clock_that_steps_is_found_and_the_run_goes_on(disturbed: dict[str, Future[Disturbed]]) -> None:
+    run = disturbed["stepped clock"].result()
+    told = run.summary
     assert told["error"] is None
     assert told["clocks"][0]["steps"] == 1
     assert_counts_add_up(told)
-    clocks = [clock for clock in decoded(tmp_path / "run", "/clocks") if clock.node == "LC"]
+    clocks = [clock for clock in decoded(run.folder, "/clocks") if clock.node == "LC"]
     seen_s = [clock.stamp.sec + clock.stamp.nanosec * 1e-9 for clock in clocks if clock.steps == 1]
     assert 2.0 < min(seen_s) < 4.0  # within 2 s
     step_s = clocks[-1].offset_s - clocks[0].offset_s
@@ -263,31 +338,20 @@ def test_a_disk_that_fills_up_ends_the_run_and_leaves_summary_and_recording(tmp_
     assert newest_ns > 5e9
 
 
-STANDBY = """\
-extends: hitl-loopback
-mission: {speed_mps: 3.0}
-autopilot: {standby: {runs: process, link: "udp://127.0.0.1:0", takeover_s: 0.2, max_step: 0.04}}
-"""
-
-
 @pytest.mark.realtime
-def test_the_standby_takes_over_without_a_jump(start: Start, tmp_path: Path) -> None:
-    process = start("--duration", "16", yaml=STANDBY)
-    active, _ = children_of(process)
-    let_pass(12.5)  # armed and under way
-    os.kill(active, signal.SIGKILL)
-    ended(process, 0)
-    told = summary(tmp_path / "run")
+def test_the_standby_takes_over_without_a_jump(disturbed: dict[str, Future[Disturbed]]) -> None:
+    run = disturbed["standby"].result()
+    told = run.summary
     assert told["error"] is None
     (takeover,) = told["takeovers"]
     assert (takeover["from_node"], takeover["to_node"]) == ("agent", "standby")
     assert 0.2 <= takeover["silent_s"] < 0.3  # and an exchange or two on a busy machine
     assert takeover["step"] <= 0.04 + 1e-9
-    topics = payloads(tmp_path / "run/run.mcap")
+    topics = payloads(run.folder / "run.mcap")
     assert len(topics["/takeovers"]) == 1
     assert topics["/link/standby/tx"]
     assert topics["/link/standby/rx"]
-    used = decoded(tmp_path / "run", "/actuators")
+    used = decoded(run.folder, "/actuators")
     at = round(takeover["at_s"] * 50)  # exchanges are numbered from 1
     before, after = used[at - 2], used[at - 1 :]
     assert before.armed, "the first agent was armed"

@@ -13,37 +13,40 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import command, environment
+from conftest import Xitl, command, environment
 
 from tests.free_ports import free_port
 from tests.patience import PATIENCE_S, wait_until
+from tests.recorded_run import recorded_run
 from xitl_cli.logs import open_log
 
 NODE = Path(__file__).parents[1] / "contract/rospy_node.py"
 
-pytestmark = [
-    pytest.mark.realtime,
-    pytest.mark.skipif(
-        shutil.which("roscore") is None, reason="needs a ROS 1: tools/system_packages.sh installs Debian's ros-core"
-    ),
-]
+pytestmark = pytest.mark.skipif(
+    shutil.which("roscore") is None, reason="needs a ROS 1: tools/system_packages.sh installs Debian's ros-core"
+)
 
 
-@pytest.fixture(scope="module")
-def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
-    """The environment of nodes, with a master."""
-    folder, port = tmp_path_factory.mktemp("ros"), free_port()
+@pytest.fixture
+def tools(tmp_path: Path) -> dict[str, str]:
+    """The environment of ROS's programs, for a master that may be started."""
     plain = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "ROS_"))}
-    env = plain | {
-        "ROS_MASTER_URI": f"http://localhost:{port}",
+    return plain | {
+        "ROS_MASTER_URI": f"http://localhost:{free_port()}",
         "ROS_HOSTNAME": "localhost",
-        "ROS_LOG_DIR": str(folder),
-        "HOME": str(folder),
+        "ROS_LOG_DIR": str(tmp_path),
+        "HOME": str(tmp_path),
     }
+
+
+@pytest.fixture
+def ros(tools: dict[str, str]) -> Iterator[dict[str, str]]:
+    """The environment of nodes, with a master."""
+    port = tools["ROS_MASTER_URI"].rpartition(":")[2]
     with subprocess.Popen(
-        ["roscore", "-p", str(port)], env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ["roscore", "-p", port], env=tools, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as master:
-        yield env
+        yield tools
         master.terminate()
 
 
@@ -53,6 +56,7 @@ def ask(ros: dict[str, str], *arguments: str) -> str:
     return found.stdout + found.stderr
 
 
+@pytest.mark.realtime
 def test_nodes_of_ros_1_count_drive_record_and_end_a_run(tmp_path: Path, ros: dict[str, str]) -> None:
     settings = ["--set", "driver.kind=ros", "--set", "ros.pace=4", "--duration", "36000"]
     with subprocess.Popen(
@@ -132,20 +136,15 @@ def check_bag(bag: Path, info: str) -> None:
         assert abs(float(log["/imu/data"]["linear_acceleration.z"].mean()) - 9.8) < 0.2
 
 
-def test_rosbag_reads_what_is_exported(tmp_path: Path, ros: dict[str, str]) -> None:
-    for arguments in (
-        ("sim", "--profile", "sitl", "--duration", "5", "--out", "run"),
-        ("logs", "export", "run/run.mcap", "--format", "rosbag1", "--out", "boat.bag"),
-    ):
-        done = subprocess.run(
-            command(*arguments), cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S,
-            check=False,
-        )  # fmt: skip
-        assert done.returncode in (0, 1), done.stderr
-    info = ask(ros, "rosbag", "info", str(tmp_path / "boat.bag"))
+@pytest.mark.slow
+def test_rosbag_reads_what_is_exported(xitl: Xitl, tmp_path: Path, tools: dict[str, str]) -> None:
+    recording = recorded_run("sitl", 20.0) / "run.mcap"
+    done = xitl("logs", "export", str(recording), "--format", "rosbag1", "--out", "boat.bag")
+    assert done.returncode == 0, done.stderr
+    info = ask(tools, "rosbag", "info", str(tmp_path / "boat.bag"))
     counts = {topic: int(count) for topic, count in re.findall(r"(/\S+)\s+(\d+) msgs? +:", info)}
     with open_log(tmp_path / "boat.bag") as log:
         assert {name: len(table) for name, table in log.tables.items()} == counts
-    assert counts["/imu/data"] == 1000
-    first = ask(ros, "rostopic", "echo", "-b", str(tmp_path / "boat.bag"), "-n", "1", "/imu/data/header")
+    assert counts["/imu/data"] == 4000
+    first = ask(tools, "rostopic", "echo", "-b", str(tmp_path / "boat.bag"), "-n", "1", "/imu/data/header")
     assert 'frame_id: "imu_link"' in first

@@ -77,6 +77,7 @@ def test_an_update_stores_the_texts_and_a_change_fails_until_the_next(
     assert file.read_text() == STORED.replace("taken", "busy")
 
 
+@pytest.mark.medium
 def test_an_update_is_refused_in_ci_and_never_changes_a_number(tmp_path: Path) -> None:
     file = tmp_path / FILE_NAME
     file.write_text(STORED)
@@ -89,6 +90,7 @@ def test_an_update_is_refused_in_ci_and_never_changes_a_number(tmp_path: Path) -
     assert "the update would change numbers" in said
 
 
+@pytest.mark.medium
 def test_an_update_drops_the_texts_that_a_test_no_longer_makes(tmp_path: Path) -> None:
     file = tmp_path / FILE_NAME
     others = "test_it.py::test_says[7]: older\n| older\n\ntest_other.py::test_it: kept\n| kept\n"
@@ -113,6 +115,7 @@ def test_the_only_line_with_all_parts() -> None:
         line_with(["one 1", "two 1"], "1")
 
 
+@pytest.mark.medium
 def test_each_stored_text_is_of_a_test_that_exists() -> None:
     for key in read_texts(TESTS / FILE_NAME):
         path, _, test = key.partition("::")

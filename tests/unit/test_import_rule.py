@@ -123,6 +123,7 @@ def breaches(package: str, found: list[Import]) -> list[str]:
     return said
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("package", PACKAGES)
 def test_imports_keep_the_rule(package: str) -> None:
     found = imports(package)
@@ -280,24 +281,28 @@ def circles(edges: dict[str, set[str]]) -> list[set[str]]:
     return [set(group) for group in groups if group]
 
 
+@pytest.mark.medium
 def test_no_folders_import_each_other() -> None:
     edges = folder_imports()
     assert "xitl_cli/run/core" in edges["xitl_cli/run/nodes"], "the test looks in the wrong place"
     assert circles(edges) == []
 
 
+@pytest.mark.medium
 def test_no_packages_import_each_other() -> None:
     edges = grouped(file_imports(), package_of)
     assert "xitl_cli/profile" in edges["xitl_cli/run"], "the test looks in the wrong place"
     assert circles(edges) == []
 
 
+@pytest.mark.medium
 def test_no_files_import_each_other() -> None:
     edges = file_imports()
     assert "xitl_cli/errors.py" in edges["xitl_cli/main.py"], "the test looks in the wrong place"
     assert circles(edges) == []
 
 
+@pytest.mark.medium
 def test_nodes_of_a_run_stand_on_links_sensors_and_world_and_these_on_no_node() -> None:
     edges = folder_imports()
     for below in ("core", "links", "sensors", "world"):

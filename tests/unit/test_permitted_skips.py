@@ -26,6 +26,7 @@ def run(directory: Path, reason: str, guarded: bool, *arguments: str) -> subproc
     return subprocess.run(command, cwd=directory, env=environment, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("arguments", [(), ("-n", "1")], ids=["alone", "xdist"])
 def test_a_skip_that_is_not_permitted_fails_in_ci(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     done = run(tmp_path, "needs a Lua interpreter", True, *arguments)
@@ -34,6 +35,7 @@ def test_a_skip_that_is_not_permitted_fails_in_ci(tmp_path: Path, arguments: tup
     assert "permitted_skips.py" in done.stdout
 
 
+@pytest.mark.medium
 def test_a_permitted_skip_and_a_developer_s_skip_pass(tmp_path: Path) -> None:
     assert run(tmp_path, "needs a real PX4 (XITL_PX4=PATH): no px4", True).returncode == 0
     assert run(tmp_path, "needs a Lua interpreter", False).returncode == 0

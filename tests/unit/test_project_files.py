@@ -207,8 +207,9 @@ def ci_run(folder: Path, failing: str = "", late: str = "") -> tuple[int, str, l
 def test_ci_runs_all_stages_and_passes(tmp_path: Path) -> None:
     code, output, targets = ci_run(tmp_path)
     assert (code, "failed" in output) == (0, False)
-    assert sorted(targets) == [".venv/.dev", "checks", "test-fast", "test-realtime", "test-slow"]
-    assert [target for target in targets if "test" in target] == ["test-fast", "test-slow", "test-realtime"]
+    assert sorted(targets) == [".venv/.dev", "checks", "test-fast", "test-medium", "test-realtime", "test-slow"]
+    tests = [target for target in targets if "test" in target]
+    assert tests == ["test-fast", "test-medium", "test-slow", "test-realtime"]
 
 
 def test_ci_stops_after_the_stage_in_which_checks_fail(tmp_path: Path) -> None:
@@ -228,10 +229,10 @@ def test_ci_reports_checks_that_fail_after_the_last_stage(tmp_path: Path) -> Non
     assert "line 100 of checks" in output.splitlines()[-50:]
 
 
-@pytest.mark.parametrize("failing", ["test-fast", "test-slow", "test-realtime"])
+@pytest.mark.parametrize("failing", ["test-fast", "test-medium", "test-slow", "test-realtime"])
 def test_ci_stops_at_tests_that_fail(tmp_path: Path, failing: str) -> None:
     code, output, targets = ci_run(tmp_path, failing=failing)
     tests = [target for target in targets if "test" in target]  # the checks begin beside the fast tests
     assert (code, tests[-1]) == (1, failing)
-    assert re.search(r"^(fast tests|slow tests|tests of real time) failed$", output, re.MULTILINE)
+    assert re.search(r"^(fast tests|medium tests|slow tests|tests of real time) failed$", output, re.MULTILINE)
     assert "checks failed" not in output

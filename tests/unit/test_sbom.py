@@ -81,6 +81,7 @@ def test_the_bill_of_xitl_has_its_own_dependencies() -> None:
     assert wanted <= listed
 
 
+@pytest.mark.medium
 @pytest.mark.skipif(find_spec("jsonschema") is None or find_spec("cyclonedx") is None, reason="needs xitl[test]")
 def test_the_bill_of_xitl_conforms_to_the_published_schema() -> None:
     from cyclonedx.schema import SchemaVersion

@@ -57,6 +57,7 @@ class Companion:
         return of("XITL_COMPANION_STATUS", [*self.said, *self.host.run(STOP)])[-1]
 
 
+@pytest.mark.medium
 def test_clouds_become_poses_and_a_map() -> None:
     companion = Companion()
     companion.clouds(10)
@@ -78,6 +79,7 @@ def test_each_tick_is_answered_with_itself() -> None:
     assert answered == list(range(1, 11))
 
 
+@pytest.mark.medium
 def test_a_lost_chunk_costs_its_points_and_is_counted() -> None:
     whole, partly = Companion(), Companion()
     whole.clouds(4)
@@ -88,6 +90,7 @@ def test_a_lost_chunk_costs_its_points_and_is_counted() -> None:
     assert status.poses == 4
 
 
+@pytest.mark.medium
 def test_a_lost_cloud_is_a_longer_step() -> None:
     companion = Companion()
     companion.clouds(6, keep=lambda number, chunk: number != 3)

@@ -41,6 +41,7 @@ def test_every_public_name_is_there_and_documented() -> None:
         _ = xitl.simulat
 
 
+@pytest.mark.medium
 def test_a_run_is_simulated_kept_and_read(tmp_path: Path) -> None:
     overrides = {"environment.wind.mean_mps": 2, "mission.waypoints_ned_m": [[8.0, 6.0], [24.0, 18.0]]}
     result = xitl.simulate("mitl", seed=3, overrides=overrides, out=tmp_path / "run")
@@ -60,6 +61,7 @@ def test_a_run_that_is_cut_short_is_a_result(tmp_path: Path) -> None:
     assert result.summary["ended"] == "duration reached"
 
 
+@pytest.mark.medium
 def test_a_run_in_a_thread_of_its_own(tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as pool:
         runs = [pool.submit(xitl.simulate, "mitl", seed=n, duration_s=0.5, out=tmp_path / str(n)) for n in (1, 2)]
@@ -123,6 +125,7 @@ class Named:
         return self._path
 
 
+@pytest.mark.medium
 def test_a_path_is_named_as_one_likes(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
     own.write_text("extends: [mitl]\nclock: {duration_s: 0.2}\n")
@@ -157,11 +160,13 @@ def test_logs_are_analysed() -> None:
         xitl.analyze(CALM, sections=["schedular"])
 
 
+@pytest.mark.medium
 def test_two_logs_are_compared() -> None:
     comparison = xitl.compare(CALM, GUST)
     assert "trajectory" in {section.key for section in comparison.sections}
 
 
+@pytest.mark.medium
 def test_the_page_is_what_the_docstrings_say() -> None:
     tool = Path(__file__).parents[3] / "tools" / "generate_api.py"
     done = subprocess.run([sys.executable, str(tool), "--check"], capture_output=True, text=True, check=False)

@@ -93,6 +93,7 @@ def drawn(
         renderer.close()
 
 
+@pytest.mark.medium
 def test_distances_are_those_of_the_lidars_ray_caster(river: tuple[Scenery, TriangleModel, Renderer]) -> None:
     scenery, world, renderer = river
     where = view(8.0, 14.0, -1.6, yaw_deg=70.0, pitch_deg=-2.0)
@@ -118,6 +119,7 @@ def test_distances_are_those_of_the_lidars_ray_caster(river: tuple[Scenery, Tria
     assert np.mean(off < 0.02) > 0.985
 
 
+@pytest.mark.medium
 def test_the_water_is_the_surface_of_the_simulation(river: tuple[Scenery, TriangleModel, Renderer]) -> None:
     _, _, renderer = river
     profile = load_profile("sitl", ["environment.waves.significant_height_m=0.5", "environment.waves.peak_period_s=3"])
@@ -199,6 +201,7 @@ def board(squares_m: float) -> tuple[TriangleModel, np.ndarray, int]:
     )
 
 
+@pytest.mark.medium
 def test_opencv_finds_the_true_pose_of_a_marker() -> None:
     marker, corners, number = board(0.25)
     renderer = Renderer({"board": marker}, samples=4)
@@ -222,6 +225,7 @@ def test_opencv_finds_the_true_pose_of_a_marker() -> None:
     assert np.degrees(np.arccos(normal @ true_normal)) < 1.5
 
 
+@pytest.mark.medium
 def test_the_same_picture_is_drawn_again(river: tuple[Scenery, TriangleModel, Renderer]) -> None:
     _, world, renderer = river
     where, around = view(3.0, 2.0, -1.5, 40.0), surroundings(PlacedModel("world", np.zeros(3), np.eye(3), 1))
@@ -235,6 +239,7 @@ def test_the_same_picture_is_drawn_again(river: tuple[Scenery, TriangleModel, Re
     other.close()
 
 
+@pytest.mark.medium
 def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
     pole = model(moved(box((0.3, 0.3, 30.0), STEEL), (20.0, 0.0, -10.0)), colour=(0.05, 0.05, 0.05))
     renderer = Renderer({"pole": pole}, samples=1)
@@ -258,6 +263,7 @@ def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
     assert blurred.min() > sharp.min() + 8
 
 
+@pytest.mark.medium
 def test_fog_hides_what_is_beyond_the_visibility() -> None:
     wall = model(moved(box((1.0, 20.0, 20.0), CONCRETE), (60.0, 0.0, -10.0)), colour=(0.02, 0.02, 0.02))
     renderer = Renderer({"wall": wall}, samples=1)
@@ -277,6 +283,7 @@ def test_fog_hides_what_is_beyond_the_visibility() -> None:
     assert thick < 0.02
 
 
+@pytest.mark.medium
 def test_noise_has_the_deviation_of_its_keys() -> None:
     away = view(0.0, 0.0, -50.0, pitch_deg=60.0)
     none = model(moved(box((1.0, 1.0, 1.0), STEEL), (-500.0, 0.0, 0.0)))

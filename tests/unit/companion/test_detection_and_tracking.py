@@ -297,6 +297,7 @@ def test_a_height_that_wanders_makes_no_obstacle_of_the_water_and_hides_none(wan
         assert found.length_m < 2.0
 
 
+@pytest.mark.medium
 def test_a_wall_across_the_view_is_no_water_at_once() -> None:
     """Low all over the view, 12 to 25 m off for 3 s, as a boom is to a vessel that turns: water reaches no farther."""
     history, sighting, rng = PoseHistory(), ObstacleDetector(60.0, 0.15), np.random.default_rng(5)

@@ -89,6 +89,7 @@ def scaled(output: int, share: float) -> Act:
     return act
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize(
     ("kind", "output", "size", "act", "rudder"),
@@ -110,6 +111,7 @@ def test_a_fault_is_named_with_actuator_onset_end_and_size(
     assert fault.size == pytest.approx(size, abs=0.15)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("rudder", [False, True])
 def test_a_vessel_without_a_fault_has_none(rudder: bool, seed: int) -> None:
@@ -128,6 +130,7 @@ def test_a_vessel_that_turns_against_its_commands_did_not_answer_them() -> None:
     assert turn.yaw_rate_radps == pytest.approx(motion.yaw_rate_radps[inside].mean(), rel=0.05)
 
 
+@pytest.mark.medium
 def test_a_propeller_that_is_stuck_at_its_command_has_an_uncertain_onset() -> None:
     """It shows from the first change of the command on; the earliest onset is not later than the true one."""
 

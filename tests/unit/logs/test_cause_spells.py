@@ -96,6 +96,7 @@ def test_generated_findings_keep_the_order_of_time(seed: int) -> None:
     check(report_of(rows))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["boat-auto-calm", "boat-auto-external-ahrs", "boat-auto-linux-hal-injected"])
 def test_real_logs_keep_the_order_of_time(name: str) -> None:
     report = report_of_log(name)
@@ -115,6 +116,7 @@ def test_a_failsafe_of_the_radio_has_no_barometer_as_its_cause() -> None:
     assert groups == {"sensors.unhealthy", "events.said.radio_failsafe"}
 
 
+@pytest.mark.medium
 def test_a_radio_failsafe_of_a_real_log_follows_no_sensor() -> None:
     report = report_of_log("boat-auto-linux-hal-injected")
     for group in group_findings(report):

@@ -3,6 +3,7 @@
 from io import StringIO
 from pathlib import Path
 
+import pytest
 from rich.console import Console
 
 from xitl_cli.log_analyses import OWN
@@ -117,6 +118,7 @@ def test_two_files_of_one_run_tell_a_finding_once_on_the_reports_time() -> None:
     assert len(group_findings(Report((first, far)))) == 2
 
 
+@pytest.mark.medium
 def test_every_finding_is_shown_once_whatever_the_times_are() -> None:
     """Causes that come within a second of each other, each able to follow from the next."""
     keys = sorted({kind for rule in CAUSES for kind in (*rule.causes, *rule.consequences)})

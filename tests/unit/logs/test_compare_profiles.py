@@ -68,6 +68,7 @@ def test_a_path_sailed_late_is_off_in_time_and_not_in_place() -> None:
     assert said["path_max_m"] == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.medium
 @settings(max_examples=20, deadline=None)
 @given(lag_s=st.floats(-4.0, 4.0))
 def test_the_lag_of_a_sine_is_found(lag_s: float) -> None:

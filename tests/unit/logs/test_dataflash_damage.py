@@ -67,6 +67,7 @@ def extents(log: DataFlashLog) -> list[tuple[int, np.ndarray]]:
     return [(job.length, job.place) for table in log.tables.values() for job in table.jobs()]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", range(4))
 def test_a_damaged_byte_costs_its_record_and_no_other(records: list[bytes], tmp_path: Path, seed: int) -> None:
     """Head and type number of any record; of FMT records, on which others hang, all but the names of columns."""

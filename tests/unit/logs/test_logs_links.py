@@ -52,6 +52,7 @@ def test_up_to_255_missing_in_a_row_are_all_told(in_a_row: int, rate_hz: float) 
     assert lost[1000] == in_a_row
 
 
+@pytest.mark.medium
 @given(
     st.lists(st.tuples(st.integers(0, 80), st.integers(1, 40)), max_size=30),
     st.integers(0, 255),
@@ -98,6 +99,7 @@ def test_a_sender_that_began_anew_costs_less_than_a_round(first: int) -> None:
     assert (late, repeated) == (0, 0)
 
 
+@pytest.mark.medium
 @given(
     rate_hz=st.floats(0.2, 400.0),
     stretches=st.lists(

@@ -52,6 +52,7 @@ def test_too_little_to_tell(stamps):
     assert regularity(np.array(stamps, dtype=np.int64)) is None
 
 
+@pytest.mark.medium
 @given(st.lists(st.integers(-(2**60), 2**60), min_size=3, max_size=60))
 def test_any_stamps_are_counted(stamps):
     found = regularity(np.array(stamps, dtype=np.int64))

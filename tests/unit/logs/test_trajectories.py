@@ -78,6 +78,7 @@ def test_absolute_errors_are_those_of_evo(how: str, seed: int) -> None:
     same(absolute_errors_m(reference, moved), ape)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("delta", "unit"), [(1, "frames"), (7, "frames"), (1.0, "meters"), (5.0, "meters")])
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10_000))

@@ -22,6 +22,7 @@ def boat(tmp_path: Path, waypoints: int, base: str = "mitl") -> str:
     return str(tmp_path / "boat.yaml")
 
 
+@pytest.mark.medium
 def test_many_waypoints_are_more_values_than_an_alias_bomb_and_are_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -31,6 +32,7 @@ def test_many_waypoints_are_more_values_than_an_alias_bomb_and_are_none(
     assert mission.waypoints_ned_m[-1] == (999.5, 3.25)
 
 
+@pytest.mark.medium
 def test_more_waypoints_than_mavlink_numbers_are_refused_by_their_number(tmp_path: Path, golden: Golden) -> None:
     points = ",".join(["[1,2]"] * 65_535)
     (tmp_path / "boat.yaml").write_text(f"extends: mitl\nmission: {{waypoints_ned_m: [{points}]}}\n")
@@ -46,6 +48,7 @@ def test_more_than_the_embedded_autopilot_keeps_are_refused_before_the_run(tmp_p
         load_profile(boat(tmp_path, 724, "sitl"))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("padding", [0, yaml_file.LONG_TEXT])
 def test_an_alias_bomb_is_still_one(tmp_path: Path, padding: int) -> None:
     lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]

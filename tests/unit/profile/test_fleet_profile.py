@@ -173,6 +173,7 @@ def test_waypoints_can_be_shared(fleet):
     assert [one.mission.waypoints_ned_m for one in profile.vessels.values()] == [((5.0, 7.0),)] * 3
 
 
+@pytest.mark.medium
 def test_a_spread_is_drawn_from_the_seed_and_keeps_its_distance(fleet):
     text = (
         WATER
@@ -188,6 +189,7 @@ def test_a_spread_is_drawn_from_the_seed_and_keeps_its_distance(fleet):
     assert min(math.dist(one, other) for one in places for other in places if one is not other) >= 10 - 2e-3
 
 
+@pytest.mark.medium
 def test_a_count_of_250_is_loaded(fleet):
     text = WATER + "vessels: {boat: {count: 250, formation: {shape: grid}, mission: {start: {east_m: -400}}}}\n"
     profile = fleet(text)
@@ -287,6 +289,7 @@ def test_a_start_is_refused_where_something_stands(fleet, start, problem):
     assert found.origin.line == 1 + text.count("\n", 0, text.index("one:"))
 
 
+@pytest.mark.medium
 def test_a_drawn_place_is_free_of_what_stands_and_lies_there(fleet):
     text = f"""{WATER}{STANDING}vessels:
   barge: {{traffic: {{track_ned_m: [[-40, 30]], length_m: 30, beam_m: 10}}}}

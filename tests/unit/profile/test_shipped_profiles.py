@@ -159,6 +159,7 @@ def test_the_scale_vessel_is_the_full_one_by_froude() -> None:
     assert [moment * 243 for moment in third.inertia_kgm2] == pytest.approx(full.inertia_kgm2, rel=1e-2)
 
 
+@pytest.mark.medium
 def test_the_reference_is_what_the_schema_says() -> None:
     folder = Path(__file__).parents[3]
     told = subprocess.run(

@@ -115,6 +115,7 @@ def test_the_range_of_first_detection_is_that_of_the_radar_equation() -> None:
     assert 40.0 * abs(math.log10(half_m / expected_m)) < 1.0
 
 
+@pytest.mark.medium
 def test_a_point_is_as_wide_as_the_beam() -> None:
     """Out and back, a beam of half-power width b is a quarter of its power b / 2 to each side."""
     for beam_deg in (2.0, 4.0, 6.0):
@@ -133,6 +134,7 @@ def test_a_point_is_as_long_as_the_pulse() -> None:
     assert np.count_nonzero(image > 0.25 * image.max()) * radar.bin_m == pytest.approx(45.0, abs=radar.bin_m)
 
 
+@pytest.mark.medium
 def test_two_paths_over_flat_water_interfere() -> None:
     """F⁴ = 16 sin⁴(2 pi h H / (lambda R)) over a smooth sea (Skolnik 2001, 8.2), and 1 over a rough one."""
     radar = MarineRadar(MarineRadarSpec(position_frd_m=(0.0, 0.0, -3.0), beam_height_deg=60.0))
@@ -169,6 +171,7 @@ def test_the_sea_has_the_published_deviation_from_the_tables(
     assert np.mean(off_db) == pytest.approx(published_db, abs=0.05)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("state", [2.0, 3.0, 4.0, 5.0])
 def test_the_image_of_the_sea_has_the_level_of_the_tables(state: float) -> None:
     """At 1 degree: within 0.3 dB of the model, and within the model's published 2.2 dB plus that of the table."""
@@ -205,6 +208,7 @@ def test_the_sea_is_brighter_against_the_wind() -> None:
     assert 10.0 * math.log10(along / across) == pytest.approx(-expected_db, abs=0.7)
 
 
+@pytest.mark.medium
 def test_resolution_cells_of_the_sea_are_gamma_variables_of_the_shape() -> None:
     """A gamma variable of mean 1 has the variance 1 / shape. Shapes vary with the angle from the waves."""
     spec = MarineRadarSpec(**FREE_SPACE, polarisation="vertical", spokes=240, prf_hz=110.0, bins=128)
@@ -232,6 +236,7 @@ def test_sea_states_follow_waves_and_wind() -> None:
     assert sea_state(waves, 20.0) == 6.0
 
 
+@pytest.mark.medium
 def test_the_image_of_rain_has_the_level_of_marshall_and_palmer() -> None:
     """Skolnik 2001, 7.6: eta = 7e-12 f^4 r^1.6 m²/m³, with f in GHz and r in mm/h."""
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE, spokes=240, prf_hz=110.0, bins=256))
@@ -256,6 +261,7 @@ def test_rain_attenuates_as_in_table_5_of_p838(ghz: float, k: float, alpha: floa
 # Objects
 
 
+@pytest.mark.medium
 def test_a_wall_hides_what_is_behind_and_not_what_is_beside_or_above() -> None:
     """Of 4 m: it hides a reflector of 3 m from an antenna at 3 m, and not one of 20 m."""
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE))
@@ -271,6 +277,7 @@ def test_a_wall_hides_what_is_behind_and_not_what_is_beside_or_above() -> None:
     assert turns(radar, RadarSurroundings(points=(behind,)))[0][0, north, int(300.0 / radar.bin_m)] > 1e3
 
 
+@pytest.mark.medium
 def test_a_wall_hides_the_sea() -> None:
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE))
     wall = mesh_points(moved(box((4.0, 60.0, 8.0), CONCRETE), (100.0, 0.0, 0.0), np.eye(3)), 2.0)
@@ -281,6 +288,7 @@ def test_a_wall_hides_the_sea() -> None:
     assert power[:, abeam, far].mean() > 100.0
 
 
+@pytest.mark.medium
 def test_nothing_is_seen_beyond_the_horizon_of_the_water() -> None:
     """4.12 km (sqrt h + sqrt H) with 4/3 of the Earth's radius: 3 m and 1 m see each other over 11.2 km."""
     spec = MarineRadarSpec(
@@ -332,6 +340,7 @@ def test_reflectors_are_those_of_imo() -> None:
 # Motion
 
 
+@pytest.mark.medium
 def test_a_turning_vessel_sees_an_object_at_its_bearing_in_each_turn() -> None:
     """At 20 degrees per second, the true bearing is the sum of the heading at the spoke and its angle."""
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE))
@@ -347,6 +356,7 @@ def test_a_turning_vessel_sees_an_object_at_its_bearing_in_each_turn() -> None:
         assert math.degrees(sector.heading_rad) == pytest.approx(expected_deg % 360.0, abs=0.05)
 
 
+@pytest.mark.medium
 def test_a_moving_vessel_sees_the_range_at_each_turn() -> None:
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE))
     power, _ = turns(
@@ -359,6 +369,7 @@ def test_a_moving_vessel_sees_the_range_at_each_turn() -> None:
         assert plot.range_m == pytest.approx(300.0 - 10.0 * seconds, abs=1.0)
 
 
+@pytest.mark.medium
 def test_a_seed_repeats_and_another_does_not() -> None:
     radar = MarineRadar(MarineRadarSpec(sea_state=3.0))
     around = RadarSurroundings(points=(point(300.0, 0.0, 10.0),), sea_state=3.0, rain_mmph=4.0)
@@ -394,6 +405,7 @@ def test_ftc_takes_constant_levels_away_and_keeps_edges() -> None:
     assert set(video[300 + round(50.0 / radar.bin_m) :]) == {0}
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("rate", [1e-2, 1e-3])
 @pytest.mark.parametrize(("cfar", "rain_mmph"), [("noise", 0.0), ("clutter", 20.0)])
 def test_the_false_alarm_rate_is_that_of_the_key(rate: float, cfar: str, rain_mmph: float) -> None:
@@ -413,6 +425,7 @@ def test_the_false_alarm_rate_is_that_of_the_key(rate: float, cfar: str, rain_mm
     assert alarms.mean() == pytest.approx(rate, abs=4.0 * deviation)
 
 
+@pytest.mark.medium
 def test_noise_as_long_as_a_pulse_has_the_false_alarm_rate_too() -> None:
     radar = MarineRadar(MarineRadarSpec(cfar="noise", false_alarm_rate=1e-3))
     assert radar.pulse_bins == 8
@@ -436,6 +449,7 @@ def test_plots_have_range_bearing_strength_and_size() -> None:
         assert 4.0 <= math.degrees(plot.width_rad) <= 12.0
 
 
+@pytest.mark.medium
 def test_two_points_a_beam_and_a_half_apart_are_two_plots_and_half_a_beam_apart_one() -> None:
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE))
     for apart_deg, count in ((14.0, 2), (2.0, 1)):

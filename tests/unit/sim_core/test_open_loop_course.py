@@ -108,11 +108,13 @@ def of_linear_equations(vessel: Vessel, waves: WaveField) -> Array:
     return np.array(seen)
 
 
+@pytest.mark.medium
 def test_a_turn_at_the_start_stays_as_it_is_in_still_water() -> None:
     kept = sailed(boat(), 0.0, KICK_RAD)
     assert kept[-1] == pytest.approx(np.full(len(HEADINGS_RAD), KICK_RAD), rel=1e-3)
 
 
+@pytest.mark.medium
 def test_over_seconds_a_change_of_the_start_changes_a_course_in_waves_in_proportion() -> None:
     vessel = boat()
     small, large = (sailed(vessel, 0.2, kick_rad, 5) for kick_rad in (KICK_RAD, 10.0 * KICK_RAD))

@@ -47,6 +47,7 @@ def arrays(state: SimulationState) -> list[np.ndarray]:
     ]
 
 
+@pytest.mark.medium
 def test_a_seed_repeats_a_run_bit_for_bit() -> None:
     first, again, other = (sailed(*rough(seed), 400) for seed in (3, 3, 4))
     for a, b in zip(arrays(first), arrays(again), strict=True):
@@ -54,6 +55,7 @@ def test_a_seed_repeats_a_run_bit_for_bit() -> None:
     assert not np.array_equal(first.vessel.motion.pos_ned_m, other.vessel.motion.pos_ned_m)
 
 
+@pytest.mark.medium
 def test_a_batch_equals_single_runs() -> None:
     """Equal but for rounding: products of other shapes sum in another order, in single precision for the waves."""
     waves = realise_waves(WaveSpec("pierson-moskowitz", 0.3, 2.5, 40.0), WATER, np.random.default_rng(5))

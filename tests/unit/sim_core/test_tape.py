@@ -103,6 +103,7 @@ def test_each_operation_on_values_is_that_of_numpy(name: str) -> None:
     np.testing.assert_allclose(results, numpys.astype(float), rtol=4e-16, atol=4e-16)
 
 
+@pytest.mark.medium
 @given(arrays(np.float64, (3, WIDTH), elements=st.floats(-1e9, 1e9)))
 def test_sine_and_cosine_are_right_to_two_units_in_the_last_place(angles: np.ndarray) -> None:
     results = compiled(lambda a, b: np.concatenate((np.sin(a), np.cos(a), np.sin(b)), axis=1))(angles, angles)

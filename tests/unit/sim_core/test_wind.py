@@ -58,6 +58,7 @@ def test_one_long_record_has_the_same_statistics() -> None:
     assert np.corrcoef(record[:-10], record[10:])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.05)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["npd", "harris", "davenport"])
 def test_spectral_gusts_return_their_spectrum(name: str) -> None:
     """Welch over 200 vessels' records of half an hour, energy in bands of an octave or more."""

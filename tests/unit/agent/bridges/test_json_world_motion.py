@@ -18,6 +18,7 @@ def its_clock(clock_us: int, last_s: float, told_s: float) -> int:
     return int(clock_us + (told_s - last_s) * 1e6)
 
 
+@pytest.mark.medium
 @settings(max_examples=25, deadline=None)
 @given(rate_hz=st.integers(11, 20_000), start_us=st.sampled_from([0, 10_000, 3_600_000_000]))
 def test_its_clock_keeps_to_ours(rate_hz: int, start_us: int) -> None:
@@ -56,6 +57,7 @@ def test_slower_than_the_exchanges() -> None:
     assert [len(times.next_frames(end_us, 10)) for end_us in (10_000, 20_000, 30_000, 40_000)] == [0, 1, 0, 1]
 
 
+@pytest.mark.medium
 def test_what_it_is_told_stays_near() -> None:
     times = FrameTimes(0)
     times.set_rate(1200)

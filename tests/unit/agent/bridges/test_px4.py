@@ -262,6 +262,7 @@ def test_a_sample_that_is_not_newer_is_dropped(bridge: Bridge) -> None:
     assert bridge.injector.counts.unsent == 1
 
 
+@pytest.mark.medium
 def test_a_stopped_px4_holds_the_world(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that reads nothing: its line fills, and no sample is lost."""
     monkeypatch.setattr(px4, "BLOCK_S", 0.01)

@@ -23,6 +23,7 @@ def thrust(g: AllocationGains, command: float) -> float:
     return size if command >= 0.0 else -g.astern * size
 
 
+@pytest.mark.medium
 @given(gains, demand, demand)
 def test_steering_is_met_first_and_thrust_as_far_as_it_fits(g: AllocationGains, surge: float, turn: float) -> None:
     result = allocate(g, Allocation(), surge, turn, 0.02)

@@ -72,6 +72,7 @@ def gusts(t: float) -> tuple[float, float]:
     return 30.0 + 20.0 * math.sin(0.3 * t), -40.0 - 20.0 * math.sin(0.5 * t)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("current", "push", "limit_m"),
     [((0.0, 0.0), None, 1.0), ((0.5, 0.4), None, 2.0), ((-0.5, 0.6), gusts, 2.0)],
@@ -181,6 +182,7 @@ def test_auto_needs_a_mission_and_clearing_it_holds() -> None:
     assert autopilot.state.mode == modes.HOLD
 
 
+@pytest.mark.medium
 def test_a_run_is_repeatable_and_reset_is_a_fresh_start() -> None:
     def fly(autopilot: Autopilot) -> tuple[object, ...]:
         boat, sensors = Boat(), Sensors(9, Noise())

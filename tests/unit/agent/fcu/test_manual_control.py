@@ -86,6 +86,7 @@ def test_manual_control_spans_the_channels() -> None:
     assert "manual control z = 1001" in sticks.set_axes(0, 1001, 0)
 
 
+@pytest.mark.medium
 @given(
     st.lists(st.integers(-70000, 70000), max_size=30),
     st.dictionaries(st.sampled_from(["RC1_MIN", "RC1_MAX", "RC1_TRIM", "RC1_DZ", "RC1_REVERSED"]), st.floats(0, 1)),

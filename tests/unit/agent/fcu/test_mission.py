@@ -204,6 +204,7 @@ STEPS = st.one_of(
 )
 
 
+@pytest.mark.medium
 @given(st.lists(STEPS, min_size=5, max_size=12), st.lists(st.integers(1, 5), max_size=4))
 def test_any_mission_can_be_sailed_from_anywhere(items: list[MissionItem], starts: list[int]) -> None:
     pilot = MissionProgress(make_mission([at(0, 0), *items]), 3.0)

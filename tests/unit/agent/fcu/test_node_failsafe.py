@@ -86,6 +86,7 @@ class Sea:
 ARMED, FAILSAFE = mav.XITL_ACTUATOR_FLAGS_ARMED, mav.XITL_ACTUATOR_FLAGS_FAILSAFE
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("mode", [LOCKSTEP, REALTIME])
 def test_a_cut_of_five_seconds_and_on_with_the_mission(mode: int) -> None:
     sea = Sea(mode)
@@ -111,6 +112,7 @@ def test_a_cut_of_five_seconds_and_on_with_the_mission(mode: int) -> None:
     assert sum(text.startswith("Failsafe over") for text in sea.said) == 1
 
 
+@pytest.mark.medium
 def test_when_the_host_dies_it_ends_neutral_and_in_the_end_disarmed() -> None:
     sea = Sea(REALTIME)
     sea.set_out()

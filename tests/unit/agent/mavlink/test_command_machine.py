@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import precondition, rule
@@ -116,5 +117,5 @@ class CommandMachine(ProtocolMachine):
         assert any(request[1:] == task.order[:3] for request in self.received)
 
 
-TestCommandMachine = CommandMachine.TestCase
+TestCommandMachine = pytest.mark.medium(CommandMachine.TestCase)
 TestCommandMachine.settings = settings(max_examples=150, stateful_step_count=30)

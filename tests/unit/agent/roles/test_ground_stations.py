@@ -125,6 +125,7 @@ def test_rates_outlive_a_new_run(world: World) -> None:
     assert seen >= 18
 
 
+@pytest.mark.medium
 def test_one_that_reads_nothing_costs_nothing_and_is_dropped(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     lively, dead = world.call(255), world.call(254)
     for link in (lively, dead):

@@ -43,6 +43,7 @@ def equal(ours: Any, theirs: Any) -> bool:
     )
 
 
+@pytest.mark.medium
 @settings(max_examples=400)
 @given(message=MESSAGES, system=st.integers(0, 255), component=st.integers(0, 255), sequence=st.integers(0, 255))
 def test_frames_go_both_ways_with_a_fresh_codec(

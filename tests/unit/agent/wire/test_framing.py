@@ -30,6 +30,7 @@ def frame_of(message: Any) -> bytes:
     return Packer(1, 1).pack(message)
 
 
+@pytest.mark.medium
 @given(st.lists(st.one_of(st.binary(max_size=600), garbage_free_of_frames()), max_size=6), st.booleans())
 def test_any_bytes(chunks: list[bytes], stream: bool) -> None:
     framer = Framer(stream)
@@ -41,6 +42,7 @@ def test_any_bytes(chunks: list[bytes], stream: bool) -> None:
     assert (framer.counters.dropped > 0) >= (framer.counters.bytes_dropped > 0)
 
 
+@pytest.mark.medium
 @given(st.lists(st.tuples(garbage_free_of_frames(), FRAMES), min_size=1, max_size=5))
 def test_every_good_frame_in_a_datagram_of_garbage_is_found(parts: list[tuple[bytes, bytes]]) -> None:
     framer = Framer(stream=False)
@@ -50,6 +52,7 @@ def test_every_good_frame_in_a_datagram_of_garbage_is_found(parts: list[tuple[by
     assert adds_up(framer)
 
 
+@pytest.mark.medium
 @given(st.lists(st.tuples(garbage_free_of_frames(), FRAMES), min_size=1, max_size=5), st.data())
 def test_every_good_frame_in_a_stream_of_garbage_is_found(
     parts: list[tuple[bytes, bytes]], data: st.DataObject
@@ -64,6 +67,7 @@ def test_every_good_frame_in_a_stream_of_garbage_is_found(
     assert found == [frame for _, frame in parts]
 
 
+@pytest.mark.medium
 @given(st.lists(FRAMES, min_size=1, max_size=6), st.data())
 def test_mutated_and_truncated_frames_are_dropped_and_counted(frames: list[bytes], data: st.DataObject) -> None:
     index = data.draw(st.integers(0, len(frames) - 1))

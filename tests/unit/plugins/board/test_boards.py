@@ -362,6 +362,7 @@ def typed(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[str]:
     return became[0]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("given", ["sh -h", "sh --for 3 --verbose", "sh -- -c x"])
 def test_what_follows_the_name_is_the_commands(
     apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch, given: str

@@ -39,6 +39,7 @@ FRD_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 CAMERAS = (FRONT, DEPTH, CLASSES, HEAT)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("bag_format", ["rosbag2-mcap", "rosbag2-sqlite3", "rosbag1"])
 def test_a_bag_has_images_and_lenses_of_all_cameras(tmp_path: Path, bag_format: BagFormat) -> None:
     path = record(tmp_path / "run.mcap", [make_image(spec, number) for number in (1, 2) for spec in CAMERAS])

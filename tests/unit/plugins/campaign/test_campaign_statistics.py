@@ -44,6 +44,7 @@ def test_no_run_says_nothing() -> None:
     assert wilson_interval(0, 0) == Interval(0.0, 1.0)
 
 
+@pytest.mark.medium
 def test_students_sleep() -> None:
     told = paired_difference(*map(np.array, SLEEP))
     assert (told.pairs, told.mean) == (10, pytest.approx(1.58))
@@ -114,6 +115,7 @@ def test_clusters_of_several_sizes_by_hand() -> None:
         paired_difference(np.zeros(3), np.ones(3), clusters=["a", "b"])
 
 
+@pytest.mark.medium
 def test_clusters_of_one_value_change_nothing() -> None:
     first, second = [True] * 4 + [False] * 6, [True] * 3 + [False] + [True] * 5 + [False]
     assert paired_rates(first, second, clusters=range(10)) == paired_rates(first, second)

@@ -28,6 +28,7 @@ def analyze(*words: str) -> Result:
     return CliRunner().invoke(xitl_app(["logs"]), ["logs", "analyze", str(LOG), "--json", *words])
 
 
+@pytest.mark.medium
 def test_an_analysis_of_another_package_is_a_section_after_the_built_in_ones(install: Install) -> None:
     install("xitl-depth", DEPTH, log_analyses="depth = xitl_depth:analyse")
     done = analyze()
@@ -42,6 +43,7 @@ def test_an_analysis_of_another_package_is_a_section_after_the_built_in_ones(ins
         assert [fact.value for fact in file.sections[0].facts] == [len(log["ATT"])]
 
 
+@pytest.mark.medium
 def test_an_analysis_that_raises_is_a_failure_with_its_package_and_line(install: Install, golden: Golden) -> None:
     install("xitl-depth", "def analyse(log):\n    return 1 / 0\n", log_analyses="depth = xitl_depth:analyse")
     done = analyze()

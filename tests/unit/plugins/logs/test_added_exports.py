@@ -70,6 +70,7 @@ def test_a_format_without_a_package_names_the_known_ones(log: Path) -> None:
         )
 
 
+@pytest.mark.medium
 def test_the_replay_of_the_guide_is_in_the_report(install: Install, log: Path) -> None:
     install("xitl-list", REPLAY, log_replays="list = xitl_list:replay")
     done = xitl("analyze", str(log), "--report", "page.html", "--replay-by", "list")
@@ -78,6 +79,7 @@ def test_the_replay_of_the_guide_is_in_the_report(install: Install, log: Path) -
     assert "1 logs" in page[page.index('id="replay-page"') :]
 
 
+@pytest.mark.medium
 def test_a_replay_that_fails_is_a_note_of_the_report(install: Install, log: Path) -> None:
     install("xitl-list", REPLAY.replace("return", "1 / 0; return"), log_replays="list = xitl_list:replay")
     done = xitl("analyze", str(log), "--report", "page.html", "--replay-by", "list")

@@ -32,6 +32,7 @@ def run(*arguments: str | Path, width: int = 80) -> tuple[int, str]:
     return told.exit_code, told.output
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("log", sorted(LOGS.glob("*.bin")), ids=lambda path: path.stem)
 def test_no_analysis_fails_on_a_real_log(log: Path) -> None:
     code, text = run("analyze", log, "--json")
@@ -41,6 +42,7 @@ def test_no_analysis_fails_on_a_real_log(log: Path) -> None:
     assert told["files"][0]["sections"].keys() >= {"vehicle", "modes", "scheduler", "sensors"}
 
 
+@pytest.mark.medium
 def test_answers_come_first_and_the_page_holds_the_overview(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the extra for it the page says how to have the replay."""
     monkeypatch.setattr("xitl_cli.extras.find_spec", lambda package: None if package == "viser" else object())
@@ -68,6 +70,7 @@ def test_signals_of_several_messages_are_drawn_with_a_word_on_their_times(tmp_pa
     assert "<h3>hypot(XKF1.VN, XKF1.VE) - GPS.Spd</h3>" in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.medium
 def test_with_a_page_the_findings_and_its_name_are_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is not for the eye of a first look is on the page; `:x:` in a name is no picture."""
     monkeypatch.chdir(tmp_path)
@@ -127,6 +130,7 @@ def test_signals_are_drawn_by_unit(tmp_path: Path) -> None:
         assert f"<h3>{title}</h3>" in written
 
 
+@pytest.mark.medium
 def test_all_fields_of_a_message_but_its_time_are_drawn(tmp_path: Path) -> None:
     """Pulses are in microseconds too; so is the time of a row."""
     page = tmp_path / "plot.html"
@@ -170,6 +174,7 @@ def test_what_cannot_be_drawn_is_said(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("suffix", "beginning"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF-")])
 def test_a_plot_is_written_in_the_format_of_its_suffix(suffix: str, beginning: bytes, tmp_path: Path) -> None:
     image = tmp_path / f"plot{suffix}"

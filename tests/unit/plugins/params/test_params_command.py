@@ -149,6 +149,7 @@ def test_over_udp_the_vehicle_is_waited_for_as_a_ground_station_does(params: Par
     assert [(row["name"], row["value"]) for row in told] == [("WP_SPEED", 2.0)]
 
 
+@pytest.mark.medium
 def test_a_push_sets_what_differs_and_no_more(params: Params, tmp_path: Path) -> None:
     file = tmp_path / "boat.parm"
     file.write_text("CRUISE_SPEED 0.1\nWP_SPEED 3.25\nPAR_003 7\nFRAME_CLASS 1\n")
@@ -203,6 +204,7 @@ def test_what_a_vehicle_refuses_is_said_with_its_own_words(params: Params, tmp_p
     assert reasons["FRAME_CLASS"] == "the vehicle keeps 1"
 
 
+@pytest.mark.medium
 def test_set_reads_back(params: Params, golden: Golden) -> None:
     double = VehicleDouble(ROVER)
     with over_tcp(double) as url:
@@ -232,6 +234,7 @@ def test_a_pulled_file_pushes_back_as_nothing(params: Params, tmp_path: Path) ->
     assert double.sets == []
 
 
+@pytest.mark.medium
 def test_a_px4_keeps_whole_numbers_in_their_bytes(params: Params, tmp_path: Path) -> None:
     """pymavlink's codec at the other end, and INT32 as PX4 1.16 sends it: the value's bytes in the field."""
     rover = Px4Vehicle({"CA_R_REV": 3, "CAL_ACC0_ID": 1310988, "RO_SPEED_LIM": 1.5}, whole=("CA_R_REV", "CAL_ACC0_ID"))

@@ -174,6 +174,7 @@ def test_who_has_more_endpoints_than_may_be_is_refused_and_counted(services: Rtp
     assert len(remote.received) == MOST_ENDPOINTS
 
 
+@pytest.mark.medium
 def test_of_too_many_participants_who_was_not_heard_for_longest_is_forgotten(
     services: RtpsServices, peer: Peer
 ) -> None:

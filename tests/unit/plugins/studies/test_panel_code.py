@@ -68,6 +68,7 @@ def test_panels_of_shipped_hulls_displace_what_the_vessel_does(name: str) -> Non
     assert stiffness[3, 3] == pytest.approx(weight * rest.gm_transverse_m, rel=0.03)
 
 
+@pytest.mark.medium
 def test_long_waves_lift_and_push_a_box_by_the_weight_of_the_water() -> None:
     assert BOX is not None
     flow, volume_m3 = flow_of(BOX, 150, 8.0)
@@ -81,6 +82,7 @@ def test_long_waves_lift_and_push_a_box_by_the_weight_of_the_water() -> None:
     assert volume_m3 == pytest.approx(0.18, rel=1e-3)
 
 
+@pytest.mark.medium
 def test_a_box_from_a_file_is_the_box_of_its_section(tmp_path: Path) -> None:
     """Within what 200 panels and triangles of the same size differ by."""
     assert BOX is not None
@@ -92,6 +94,7 @@ def test_a_box_from_a_file_is_the_box_of_its_section(tmp_path: Path) -> None:
     np.testing.assert_allclose(mesh.excitation[0, :, :5] / force, section.excitation[0, :, :5] / force, atol=0.08)
 
 
+@pytest.mark.medium
 def test_the_energy_of_the_waves_is_balanced() -> None:
     """The drift of a free box goes with the waves, below total reflection, and the two sides agree within a tenth."""
     assert BOX is not None
@@ -106,6 +109,7 @@ def test_the_energy_of_the_waves_is_balanced() -> None:
     assert np.abs(motion[0, 0, 3]) < 1e-9  # no roll in following seas
 
 
+@pytest.mark.medium
 def test_the_command_writes_a_file_that_the_vessel_can_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

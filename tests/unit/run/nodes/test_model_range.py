@@ -78,6 +78,7 @@ def test_a_deck_under_water_is_said() -> None:
     assert report["warnings"][0].startswith("up to 100% of the hulls under water with their deck")
 
 
+@pytest.mark.medium
 def test_a_steep_sea_and_a_quick_motion_are_said() -> None:
     waves = realise_waves(WaveSpec("regular", 1.7, 4.0), Environment().water, np.random.default_rng(1))
     simulation = Simulation.from_spec(MODEL, Environment(waves=waves), 0.0025)

@@ -79,6 +79,7 @@ def run(*overrides: str) -> session.Result:
     return session.run(load_profile("boat.yaml", list(overrides)), Path("run"), True, NoDisplay, timed=True)
 
 
+@pytest.mark.medium
 def test_the_bridge_of_the_guide_steers_the_vessel_and_is_counted(
     install: Install, boat: Path, autopilot: TextAutopilot
 ) -> None:
@@ -95,6 +96,7 @@ def test_the_bridge_of_the_guide_steers_the_vessel_and_is_counted(
         assert log.tables["/actuators"].values("command")[-1][0] == 0.5
 
 
+@pytest.mark.medium
 def test_an_autopilot_that_was_never_heard_is_not_in_the_graph_of_the_run(
     install: Install, boat: Path, autopilot: TextAutopilot
 ) -> None:
@@ -103,6 +105,7 @@ def test_an_autopilot_that_was_never_heard_is_not_in_the_graph_of_the_run(
     assert [node["name"] for node in measured["nodes"]] == ["PS1", "M"]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("before", "after"),
     [

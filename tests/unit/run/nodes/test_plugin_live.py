@@ -46,6 +46,7 @@ def run(*overrides: str) -> session.Result:
     return session.run(load_profile("boat.yaml", list(overrides)), Path("run"), True, NoDisplay, timed=True)
 
 
+@pytest.mark.medium
 def test_the_output_of_the_guide_reports_positions(install: Install, boat: Path) -> None:
     install("xitl-beacon", BEACON, live_outputs=ENTRY)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
@@ -59,6 +60,7 @@ def test_the_output_of_the_guide_reports_positions(install: Install, boat: Path)
     assert result.summary["plugins"]["beacon"] == {"sent": 50}
 
 
+@pytest.mark.medium
 def test_a_plain_function_without_keys_is_an_output_too(install: Install, boat: Path) -> None:
     code = BEACON + MIRROR.replace("SHOW", "return None")
     install("xitl-beacon", code, live_outputs="beacon = xitl_beacon:bare")

@@ -118,6 +118,7 @@ def test_bad_debris_is_refused(value: str, problem: str) -> None:
         load_profile("sitl", [value]).runnable()
 
 
+@pytest.mark.medium
 def test_nothing_is_put_on_land_by_hand() -> None:
     profile = load_profile("sitl-perception").runnable()
     simulation, state = build_simulation(profile, Seeds(1))

@@ -166,6 +166,7 @@ def test_a_sensor_frozen_from_the_start_repeats_its_first_sample() -> None:
     assert all(same(message, first) for message in faulty["barometer"].values())
 
 
+@pytest.mark.medium
 def test_a_dropout_takes_its_share_at_random_and_repeats_with_the_seed() -> None:
     share, seconds = 0.3, 5.0
     plain, _ = sensed(None, seconds)

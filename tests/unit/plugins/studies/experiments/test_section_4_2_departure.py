@@ -122,6 +122,7 @@ def test_a_place_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
         departure_report(ExperimentSetup(tmp_path / "taken" / "deeper", firmware=ardurover(tmp_path)))
 
 
+@pytest.mark.medium
 def test_a_profile_of_somebody_s_own_is_not_written_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden
 ) -> None:
@@ -151,6 +152,7 @@ def invoke(*words: str) -> tuple[int, str]:
     return result.exit_code, result.stdout
 
 
+@pytest.mark.medium
 def test_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     make_runs(monkeypatch, [])
     code, out = invoke("--firmware", ardurover(tmp_path), "--out", str(tmp_path / "out"))
@@ -161,6 +163,7 @@ def test_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Gold
     assert json.loads((tmp_path / "out/table.json").read_text())["section"] == "4.2"
 
 
+@pytest.mark.medium
 def test_the_table_for_programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_runs(monkeypatch, [], autopilot=None)
     code, out = invoke("--firmware", ardurover(tmp_path), "--out", str(tmp_path / "out"), "--json")

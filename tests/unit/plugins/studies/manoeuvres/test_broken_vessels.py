@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import pytest
 
 from sim_core.vessel.spec import VesselSpec
+from tests.recorded_run import made_once
 from xitl_cli.plugins.studies.manoeuvres.vessel_check import check_vessel
 from xitl_cli.profile import load_profile
 
 
-@lru_cache(maxsize=16)
-def sound_findings(name: str) -> frozenset[tuple[str, str]]:
-    return frozenset((finding.rule, finding.key) for finding in check_vessel(shipped(name)).findings)
+def sound_findings(name: str) -> set[tuple[str, str]]:
+    def found() -> list[tuple[str, str]]:
+        return [(finding.rule, finding.key) for finding in check_vessel(shipped(name)).findings]
+
+    return {(rule, key) for rule, key in made_once(f"sound-{name}", found)}
 
 
 Change = Callable[[VesselSpec], VesselSpec]
