@@ -21,7 +21,10 @@ FULL = "^error: .*No space left on device"
 QUIET = r"^warning: no motor commands from the agent for 0\.5 s"
 COMPANION_QUIET = r"^warning: no word from the companion for 0\.5 s"
 GIVEN_UP = "^warning: the run continues without its companion"
-STALLED = r"^warning: (?:this machine stalled and the world paused for|\d+ more stalls? in the last \d+ s, the worst) ([\d.]+) s"
+STALLED = (
+    r"^warning: (?:this machine stalled and the world paused for|\d+ more stalls? in the last \d+ s, the worst) "
+    r"([\d.]+) s"
+)
 """Of the stalls in a minute, the first has a sentence, and the others have one in common."""
 STEPPED = r"^warning: the clock of LC stepped by \+"
 INTERRUPTED = "^interrupted"
@@ -32,11 +35,10 @@ NO_IMU = "^Failsafe: no IMU"
 class Effect:
     """What an event has done.
 
-    sentence: pattern of the one sentence that the terminal of `speaker` shows within `sentence_s`. least: smallest value
-    of the number that is its group. starved_s: from when to when, on the
-    monotonic clock, the autopilot had no sensors; None if it always had. code: exit code of the host, None while it
-    runs. gone: boards that cannot agree on their counts with the host any more. dropping: a full buffer of the system
-    may have lost frames.
+    sentence: pattern of the one sentence that the terminal of `speaker` shows within `sentence_s`. least: smallest
+    value of the number that is its group. starved_s: from when to when, on the monotonic clock, the autopilot had no
+    sensors; None if it always had. code: exit code of the host, None while it runs. gone: boards that cannot agree on
+    their counts with the host any more. dropping: a full buffer of the system may have lost frames.
     """
 
     sentence: str

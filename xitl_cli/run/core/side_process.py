@@ -41,7 +41,9 @@ def spawn(
         stdout=subprocess.DEVNULL,
         stderr=words,
         start_new_session=True,
-        env=dict(environment or {}) | os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+        env=dict(environment or {})
+        | os.environ
+        | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
     )
 
 

@@ -12,7 +12,15 @@ from sim_core.environment.spec import EnvironmentSpec, Water
 from sim_core.environment.tide import make_tide
 from sim_core.environment.tide_spec import ConstituentSpec, TideSpec
 from xitl_cli.plugins.view import shapes
-from xitl_cli.plugins.view.drawing import GUIDED, MISSION, REACHED, TRACK_PIECE, TRACK_PIECES, SceneDrawing, stream_arrows
+from xitl_cli.plugins.view.drawing import (
+    GUIDED,
+    MISSION,
+    REACHED,
+    TRACK_PIECE,
+    TRACK_PIECES,
+    SceneDrawing,
+    stream_arrows,
+)
 from xitl_cli.plugins.view.model import (
     BodyInstant,
     SceneThruster,
