@@ -110,10 +110,10 @@ class ViewProcess:
             if browsers and not self._requested:
                 self._requested = True
                 self._pipe.send({"ask": True})
-            now_s = time.monotonic()
-            if now_s - self._collected_s >= COLLECT_S:
-                self._collected_s = now_s
+            # Collect garbage if it is due.
+            if time.monotonic() - self._collected_s >= COLLECT_S:
                 gc.collect()
+                self._collected_s = time.monotonic()
             messages = self._pipe.receive(CHECK_S)
 
     def _draw(self, instant: ViewInstant) -> None:
