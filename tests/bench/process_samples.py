@@ -12,12 +12,15 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A process at an instant. rss_kib counts shared pages in full, pss_kib its share of them, uss_kib none of them."""
+    """A process at an instant.
+
+    rss_kib: all resident pages. anon_kib: its share of those without a file (Pss_Anon). Pages of programs and libraries
+    are only in the first one: whether they are resident, and how many processes share them, depends on other processes.
+    """
 
     at_s: float
     rss_kib: int
-    pss_kib: int
-    uss_kib: int
+    anon_kib: int
     descriptors: int
     threads: int
     cpu_s: float
@@ -34,11 +37,10 @@ class Growth:
     samples: int
     rss_mib: float
     """At the end."""
-    uss_mib: float
+    anon_mib: float
     rss_mb_per_h: float
-    pss_mb_per_h: float
-    uss_mb_per_h: float
-    uss_interval_mb_per_h: tuple[float, float]
+    anon_mb_per_h: float
+    anon_interval_mb_per_h: tuple[float, float]
     descriptors: float
     descriptors_grown: float
     threads: float
@@ -59,9 +61,8 @@ def sample(pid: int, at_s: float) -> Sample | None:
     kib = {name: int(value) for name, value in re.findall(r"^(\w+): +(\d+) kB$", rollup, re.MULTILINE)}
     if "Rss" not in kib:
         return None
-    uss_kib = kib["Private_Clean"] + kib["Private_Dirty"]
     cpu_s = (int(stat[11]) + int(stat[12])) / 100
-    return Sample(at_s, kib["Rss"], kib["Pss"], uss_kib, descriptors, int(stat[17]), cpu_s)
+    return Sample(at_s, kib["Rss"], kib["Pss_Anon"], descriptors, int(stat[17]), cpu_s)
 
 
 def growth(samples: Sequence[Sample], settle_s: float) -> Growth | None:
@@ -73,7 +74,7 @@ def growth(samples: Sequence[Sample], settle_s: float) -> Growth | None:
 
     columns = {name: np.array([asdict(each)[name] for each in settled], dtype=float) for name in asdict(settled[0])}
     hours = columns["at_s"] / 3600.0
-    slopes = {name: theilslopes(columns[f"{name}_kib"] * 1024e-6, hours, alpha=0.95) for name in ("rss", "pss", "uss")}
+    slopes = {name: theilslopes(columns[f"{name}_kib"] * 1024e-6, hours, alpha=0.95) for name in ("rss", "anon")}
     third = len(settled) // 3
     last = {name: float(np.median(values[-third:])) for name, values in columns.items()}
     first = {name: float(np.median(values[:third])) for name, values in columns.items()}
@@ -81,11 +82,10 @@ def growth(samples: Sequence[Sample], settle_s: float) -> Growth | None:
     return Growth(
         samples=len(settled),
         rss_mib=settled[-1].rss_kib / 1024,
-        uss_mib=settled[-1].uss_kib / 1024,
+        anon_mib=settled[-1].anon_kib / 1024,
         rss_mb_per_h=float(slopes["rss"][0]),
-        pss_mb_per_h=float(slopes["pss"][0]),
-        uss_mb_per_h=float(slopes["uss"][0]),
-        uss_interval_mb_per_h=(float(slopes["uss"][2]), float(slopes["uss"][3])),
+        anon_mb_per_h=float(slopes["anon"][0]),
+        anon_interval_mb_per_h=(float(slopes["anon"][2]), float(slopes["anon"][3])),
         descriptors=last["descriptors"],
         descriptors_grown=last["descriptors"] - first["descriptors"],
         threads=last["threads"],

@@ -255,8 +255,8 @@ def clock_relations(folder: Path, faults: Faults) -> dict[str, dict[str, float]]
 
 def growth_problems(name: str, grown: Growth) -> Iterator[str]:
     """Yield a sentence for each limit that a process exceeds."""
-    if grown.uss_mb_per_h >= MOST_MB_PER_H:
-        yield f"{name}: its memory grows by {grown.uss_mb_per_h:.2f} MB/h"
+    if grown.anon_mb_per_h >= MOST_MB_PER_H:
+        yield f"{name}: its memory grows by {grown.anon_mb_per_h:.2f} MB/h"
     if grown.descriptors_grown > 0:
         yield f"{name}: {grown.descriptors_grown:g} more descriptors"
     if grown.threads_grown > 0:
@@ -322,16 +322,16 @@ def printed(result: Mapping[str, Any]) -> str:
         f"{result['hours']:.2f} h, seed {result['seed']}, {result['faults']} faults; rates after the first "
         f"{result['settle_s'] / 60:.0f} minutes",
         "",
-        f"{'process':10} {'USS MiB':>8} {'RSS MiB':>8} {'USS MB/h':>9} {'95 %':>15} {'PSS MB/h':>9} {'files':>6} "
+        f"{'process':10} {'anon MiB':>8} {'RSS MiB':>8} {'anon MB/h':>9} {'95 %':>15} {'RSS MB/h':>9} {'files':>6} "
         f"{'grown':>5} {'threads':>7} {'grown':>5} {'CPU %':>6}",
     ]
     for name, one in result["processes"].items():
         if one is None:
             continue
-        low, high = one["uss_interval_mb_per_h"]
+        low, high = one["anon_interval_mb_per_h"]
         lines.append(
-            f"{name:10} {one['uss_mib']:8.1f} {one['rss_mib']:8.1f} {one['uss_mb_per_h']:9.2f} "
-            f"{f'{low:.2f} … {high:.2f}':>15} {one['pss_mb_per_h']:9.2f} {one['descriptors']:6.0f} "
+            f"{name:10} {one['anon_mib']:8.1f} {one['rss_mib']:8.1f} {one['anon_mb_per_h']:9.2f} "
+            f"{f'{low:.2f} … {high:.2f}':>15} {one['rss_mb_per_h']:9.2f} {one['descriptors']:6.0f} "
             f"{one['descriptors_grown']:5.0f} {one['threads']:7.0f} {one['threads_grown']:5.0f} "
             f"{one['cpu_percent']:6.1f}"
         )

@@ -130,10 +130,10 @@ class Chaos:
     def _sentence_problems(self, effect: Effect, before: str) -> Iterator[str]:
         def added() -> int:
             now = self._rig.host.said if effect.speaker == "host" else self._texts()
-            return count(effect.sentence, now) - count(effect.sentence, before)
+            return count(effect.sentence, now, effect.least) - count(effect.sentence, before, effect.least)
 
         try:
-            wait_until(lambda: added() > 0, patience_s=15.0)
+            wait_until(lambda: added() > 0, patience_s=effect.sentence_s)
         except AssertionError:
             yield f"no sentence at the {effect.speaker} like {effect.sentence!r}"
             return

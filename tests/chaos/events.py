@@ -12,6 +12,7 @@ from pathlib import Path
 
 from tests.chaos.rig import AGENT, CLOCK_STEP_S, COMPANION, SILENT_S, Rig
 from tests.patience import let_pass, wait_until
+from xitl_cli.run.nodes.display import STALLS_S
 
 SILENT = rf"^error: .* stopped answering and was silent for {SILENT_S:g} s"
 RESTARTED = rf"^error: .* it was restarted|{SILENT}"
@@ -20,7 +21,11 @@ FULL = "^error: .*No space left on device"
 QUIET = r"^warning: no motor commands from the agent for 0\.5 s"
 COMPANION_QUIET = r"^warning: no word from the companion for 0\.5 s"
 GIVEN_UP = "^warning: the run continues without its companion"
-STALLED = "^warning: this machine stalled and the world paused"
+STALLED = (
+    r"^warning: (?:this machine stalled and the world paused for|\d+ more stalls? in the last \d+ s, the worst) "
+    r"([\d.]+) s"
+)
+"""Of the stalls in a minute, the first has a sentence, and the others have one in common."""
 STEPPED = r"^warning: the clock of LC stepped by \+"
 INTERRUPTED = "^interrupted"
 NO_IMU = "^Failsafe: no IMU"
@@ -30,14 +35,16 @@ NO_IMU = "^Failsafe: no IMU"
 class Effect:
     """What an event has done.
 
-    sentence: pattern of the one sentence that the terminal of `speaker` shows. starved_s: from when to when, on the
-    monotonic clock, the autopilot had no sensors; None if it always had. code: exit code of the host, None while it
-    runs. gone: boards that cannot agree on their counts with the host any more. dropping: a full buffer of the system
-    may have lost frames.
+    sentence: pattern of the one sentence that the terminal of `speaker` shows within `sentence_s`. least: smallest
+    value of the number that is its group. starved_s: from when to when, on the monotonic clock, the autopilot had no
+    sensors; None if it always had. code: exit code of the host, None while it runs. gone: boards that cannot agree on
+    their counts with the host any more. dropping: a full buffer of the system may have lost frames.
     """
 
     sentence: str
     speaker: str = "host"
+    sentence_s: float = 15.0
+    least: float | None = None
     starved_s: tuple[float, float] | None = None
     code: int | None = None
     gone: frozenset[str] = frozenset()
@@ -100,8 +107,9 @@ def host_killed(rig: Rig, draw: random.Random) -> Effect:
 
 
 def host_stopped(rig: Rig, draw: random.Random) -> Effect:
-    starved_s = _stop(rig, "host", draw.uniform(0.8, 2.0))
-    return Effect(STALLED, starved_s=starved_s, dropping=True)
+    seconds = draw.uniform(0.8, 2.0)
+    starved_s = _stop(rig, "host", seconds)
+    return Effect(STALLED, sentence_s=STALLS_S + 15.0, least=seconds - 0.1, starved_s=starved_s, dropping=True)
 
 
 def host_interrupted(rig: Rig, draw: random.Random) -> Effect:

@@ -223,6 +223,7 @@ def time_namespaces_permitted() -> bool:
     return shown.returncode == 0 and float(shown.stdout) > time.monotonic() + 900_000
 
 
-def count(pattern: str, text: str) -> int:
-    """Number of lines that match."""
-    return len(re.findall(pattern, text, re.MULTILINE))
+def count(pattern: str, text: str, least: float | None = None) -> int:
+    """Number of lines that match. least: smallest value of the number that is the group of the pattern."""
+    matches = re.finditer(pattern, text, re.MULTILINE)
+    return sum(least is None or float(match[1]) >= least for match in matches)

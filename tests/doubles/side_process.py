@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import IO
 
 import pytest
@@ -25,7 +25,13 @@ class SideProcessDouble:
         self._pipe: Pipe | None = None
         monkeypatch.setattr(side_process, "spawn", self._spawn)
 
-    def _spawn(self, module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> subprocess.Popen[bytes]:
+    def _spawn(
+        self,
+        module: str,
+        sockets: Sequence[socket.socket],
+        words: IO[bytes],
+        environment: Mapping[str, str] | None = None,
+    ) -> subprocess.Popen[bytes]:
         self._pipe = Pipe.of_process(sockets[-1].dup())
         self._at_start(self._pipe)
         words.write(self._words.encode())

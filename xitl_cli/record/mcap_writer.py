@@ -10,7 +10,9 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from tempfile import SpooledTemporaryFile
 from typing import Any, BinaryIO
+from weakref import finalize
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -45,6 +47,7 @@ COMPRESSIONS: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_OPCODE, _MESSAGE_INDEX_OPCODE = int(Opcode.MESSAGE), int(Opcode.MESSAGE_INDEX)
+_INDEX_BYTES = 1 << 16  # of the chunk index that stay in memory: some minutes of a run in real time
 _LENGTH_BYTES = 9  # opcode and length of a record, which its length does not include
 MESSAGE_BYTES = _MESSAGE.size  # of a message's record, without its payload
 
@@ -70,7 +73,12 @@ class ChunkWriter:
         for record in (*self._schemas, *self._channels):
             record.write(self._definitions)
         self._counts: Counter[int] = Counter()
-        self._chunks: list[ChunkIndex] = []
+        # A temporary file has the index of the chunks, because a night has some hundred thousand.
+        self._chunk_index = SpooledTemporaryFile(_INDEX_BYTES)  # noqa: SIM115  read by `finish`
+        finalize(self, self._chunk_index.close)
+        self._chunks = 0
+        self.span_ns = 0, 0
+        """Earliest and latest log time of the written chunks; zeros without a chunk."""
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         stream.write(MCAP0_MAGIC + _packed(Header("xitl", "xitl")))
@@ -140,28 +148,22 @@ class ChunkWriter:
             content = struct.pack(f"<HI{len(pairs)}Q", channel, 8 * len(pairs), *pairs)
             indices.append(struct.pack("<BQ", _MESSAGE_INDEX_OPCODE, len(content)) + content)
             index_bytes += len(indices[-1])
-        self._chunks.append(
-            ChunkIndex(
-                message_start_time=chunk.message_start_time,
-                message_end_time=chunk.message_end_time,
-                chunk_start_offset=offset,
-                chunk_length=len(packed),
-                message_index_offsets=offsets,
-                message_index_length=index_bytes,
-                compression=chunk.compression,
-                compressed_size=len(chunk.data),
-                uncompressed_size=chunk.uncompressed_size,
-            )
+        index = ChunkIndex(
+            message_start_time=chunk.message_start_time,
+            message_end_time=chunk.message_end_time,
+            chunk_start_offset=offset,
+            chunk_length=len(packed),
+            message_index_offsets=offsets,
+            message_index_length=index_bytes,
+            compression=chunk.compression,
+            compressed_size=len(chunk.data),
+            uncompressed_size=chunk.uncompressed_size,
         )
+        self._chunk_index.write(_packed(index))
+        start_ns, end_ns = self.span_ns if self._chunks else (chunk.message_start_time, 0)
+        self.span_ns = min(start_ns, chunk.message_start_time), max(end_ns, chunk.message_end_time)
+        self._chunks += 1
         self._stream.write(b"".join([packed, *indices]))
-
-    @property
-    def span_ns(self) -> tuple[int, int]:
-        """Earliest and latest log time of the written chunks; zeros without a chunk."""
-        return (
-            min((chunk.message_start_time for chunk in self._chunks), default=0),
-            max((chunk.message_end_time for chunk in self._chunks), default=0),
-        )
 
     def finish(self) -> None:
         """Write the end of the data and the summary section with the indexes."""
@@ -172,33 +174,37 @@ class ChunkWriter:
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunks,
             message_count=self._counts.total(),
             message_end_time=end_ns,
             message_start_time=start_ns,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
-        groups: list[tuple[Opcode, Iterable[Any]]] = [
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.ATTACHMENT_INDEX, self._attachments),
-            (Opcode.METADATA_INDEX, self._metadata),
-        ]
+        self._chunk_index.seek(0)
+        groups = {
+            Opcode.SCHEMA: _joined(self._schemas),
+            Opcode.CHANNEL: _joined(self._channels),
+            Opcode.STATISTICS: _packed(statistics),
+            Opcode.CHUNK_INDEX: self._chunk_index.read(),
+            Opcode.ATTACHMENT_INDEX: _joined(self._attachments),
+            Opcode.METADATA_INDEX: _joined(self._metadata),
+        }
         summary, offsets = b"", []
-        for opcode, records in groups:
-            group = b"".join(map(_packed, records))
+        for opcode, group in groups.items():
             offsets.append(
                 SummaryOffset(group_opcode=opcode, group_start=start + len(summary), group_length=len(group))
             )
             summary += group
         offset_start = start + len(summary)
-        summary += b"".join(map(_packed, offsets))
+        summary += _joined(offsets)
         footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=0)
         footer.summary_crc = zlib.crc32(summary + _packed(footer)[:-4])
         self._stream.write(summary + _packed(footer) + MCAP0_MAGIC)
+
+
+def _joined(records: Iterable[Any]) -> bytes:
+    return b"".join(map(_packed, records))
 
 
 def _packed(record: Any) -> bytes:

@@ -23,6 +23,7 @@ from xitl_cli.run.core.node import (
     WorldNodes,
     overriding,
 )
+from xitl_cli.run.core.pace import SOURCE as PACE
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
@@ -238,10 +239,10 @@ class Loop:
         if pace.slips != self._slips:
             self._slips = pace.slips
             text = (
-                f"this machine stalled and the world paused: {pace.report().slipped_s:.2f} s in all (slip "
-                f"{pace.slips}); an agent in real time got no sensor samples meanwhile"
+                f"this machine stalled and the world paused for {pace.slip_s:.2f} s (pause {pace.slips}, "
+                f"{pace.report().slipped_s:.2f} s in all); an agent in real time got no sensor samples meanwhile"
             )
-            self._recorder.log(self._plant.state.time_ns, WARNING, "run", text)
+            self._recorder.log(self._plant.state.time_ns, WARNING, PACE, text)
 
     def _receive(self, seconds: float) -> None:
         """Process all input; wait for it for at most this time."""

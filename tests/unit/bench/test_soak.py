@@ -21,8 +21,7 @@ def samples(kib_per_h: float, descriptors: int = 9) -> list[Sample]:
         Sample(
             at_s=60.0 * minute,
             rss_kib=0,
-            pss_kib=0,
-            uss_kib=round(50_000 + 1024 * min(minute, 10) + kib_per_h * minute / 60),
+            anon_kib=round(50_000 + 1024 * min(minute, 10) + kib_per_h * minute / 60),
             descriptors=9 if minute < 40 else descriptors,
             threads=2,
             cpu_s=6.0 * minute,
@@ -34,7 +33,7 @@ def samples(kib_per_h: float, descriptors: int = 9) -> list[Sample]:
 def test_growth_is_that_after_the_first_minutes() -> None:
     grown = growth(samples(kib_per_h=2000.0), settle_s=600.0)
     assert grown is not None
-    assert grown.uss_mb_per_h == pytest.approx(2000.0 * 1024e-6, rel=0.01)
+    assert grown.anon_mb_per_h == pytest.approx(2000.0 * 1024e-6, rel=0.01)
     assert grown.cpu_percent == pytest.approx(10.0)
     (problem,) = growth_problems("host", grown)
     assert "host: its memory grows by 2.05 MB/h" in problem
@@ -53,7 +52,7 @@ def test_too_few_samples_have_no_growth() -> None:
 def test_a_process_is_sampled_and_an_ended_one_is_not() -> None:
     taken = sample(os.getpid(), 1.0)
     assert taken is not None
-    assert 0 < taken.uss_kib <= taken.pss_kib <= taken.rss_kib
+    assert 0 < taken.anon_kib < taken.rss_kib
     assert taken.descriptors >= 3
     assert taken.threads >= 1
     assert sample(2**22 + 1, 1.0) is None

@@ -10,9 +10,11 @@ import pytest
 from agent.wire import dialect
 from agent.wire.codec import Packer
 from tests.chaos.__main__ import plan
-from tests.chaos.events import ANOTHER_TIME, DISK_FULL, EVENTS
+from tests.chaos.events import ANOTHER_TIME, DISK_FULL, EVENTS, STALLED
 from tests.chaos.line import Line, frames
+from tests.chaos.rig import count
 from tests.patience import wait_until
+from xitl_cli.run.nodes.display import STALLS_S, StallWarnings
 
 KINDS = (*EVENTS, DISK_FULL, ANOTHER_TIME)
 SAMPLE = Packer(255, 190).pack(dialect.MAVLink_xitl_imu_message(2_500_000, [0.0] * 3, [0.0] * 3, 20.0))
@@ -107,3 +109,17 @@ def test_a_new_run_comes_from_another_address(ends: Ends) -> None:
     ends.from_host("agent", SAMPLE)
     _, after = ends.boards["agent"].recvfrom(2048)
     assert before != after
+
+
+def test_a_stall_is_reported_by_its_own_sentence_or_by_that_of_its_minute() -> None:
+    shown: list[str] = []
+    now_s = [0.0]
+    warnings = StallWarnings(lambda text: shown.append(f"warning: {text}"), lambda: now_s[0])
+    for length_s in (0.6, 1.8, 0.7):
+        warnings.add(length_s, f"this machine stalled and the world paused for {length_s:.2f} s (pause 1)")
+    said = "\n".join(shown)
+    assert [count(STALLED, said, least) for least in (None, 0.5, 1.5)] == [1, 1, 0]
+    now_s[0] = STALLS_S
+    warnings.poll()
+    said = "\n".join(shown)
+    assert [count(STALLED, said, least) for least in (None, 0.5, 1.5, 2.0)] == [2, 2, 1, 0]

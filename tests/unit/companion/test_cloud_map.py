@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from agent.companion import mapping
 from agent.companion.mapping import SONAR, CloudMap
@@ -48,12 +51,65 @@ def test_a_cell_that_two_clouds_saw_has_the_middle_of_their_points() -> None:
 
 
 def test_cells_that_one_cloud_saw_are_forgotten_when_they_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mapping, "MOST_ONCE", 2)
+    monkeypatch.setattr(mapping, "MOST_ONCE", 16)
     cloud_map = CloudMap(cell_m=1.0)
     none = np.zeros(1, np.uint8)
 
     def added(north_m: float) -> int:
         return len(cloud_map.add(np.eye(4), np.array([[north_m, 0.5, 0.5]], np.float32), none).points_odom_m)
 
-    assert [added(north_m) for north_m in (0.5, 1.5, 2.5)] == [0, 0, 0]
-    assert [added(2.5), added(0.5)] == [1, 0]
+    assert [added(number + 0.5) for number in range(40)] == [0] * 40
+    assert [added(39.5), added(39.5)] == [1, 0]
+    assert sum(added(number + 0.5) for number in range(39)) <= 15  # at most 16 of 40 cells were kept
+
+
+def test_a_forgotten_cell_of_the_map_is_returned_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mapping, "MOST_CELLS", 16)
+    cloud_map = CloudMap(cell_m=1.0, far_m=100.0)
+    points = np.column_stack([np.arange(40) + 0.5, np.zeros(40), np.zeros(40)]).astype(np.float32)
+    assert len(cloud_map.add(np.eye(4), points, np.zeros(40, np.uint8), SONAR).points_odom_m) == 40
+    assert len(cloud_map) == 16
+    assert len(cloud_map.add(np.eye(4), points, np.zeros(40, np.uint8), SONAR).points_odom_m) == 24
+
+
+def test_the_map_has_one_point_in_each_cell_that_enough_clouds_hit() -> None:
+    """Compare with the definition, by a dictionary of all cells."""
+    rng = np.random.default_rng(3)
+    cloud_map = CloudMap(cell_m=0.5)
+    once: dict[tuple[int, ...], NDArray[np.float32]] = {}
+    expected: dict[tuple[int, ...], NDArray[np.float64]] = {}
+    got = []
+    for _ in range(30):
+        points = rng.uniform(-3.0, 3.0, (100, 3)).astype(np.float32)
+        got.append(cloud_map.add(np.eye(4), points, np.zeros(100, np.uint8)).points_odom_m)
+        first = {tuple(cell): point for cell, point in zip((points // 0.5).tolist()[::-1], points[::-1], strict=True)}
+        for cell, point in first.items():
+            if cell in once and cell not in expected:
+                expected[cell] = 0.5 * (once[cell].astype(np.float64) + point)
+            once.setdefault(cell, point)
+    points = np.concatenate(got)
+    wanted = np.array(list(expected.values()), dtype=np.float32)
+    assert len(points) == len(cloud_map) == len(wanted) > 500
+    np.testing.assert_array_equal(points[np.lexsort(points.T)], wanted[np.lexsort(wanted.T)])
+
+
+def test_the_memory_of_a_map_does_not_grow() -> None:
+    rng = np.random.default_rng(5)
+    cloud_map = CloudMap()
+
+    def traced_bytes(clouds: int) -> int:
+        for _ in range(clouds):
+            points = rng.uniform(-30.0, 30.0, (300, 3)).astype(np.float32)
+            cloud_map.add(np.eye(4), points, np.zeros(300, np.uint8), SONAR)
+            cloud_map.add(np.eye(4), points, np.zeros(300, np.uint8))
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        assert traced_bytes(5) > 0
+        before = traced_bytes(5)
+        after = traced_bytes(40)
+    finally:
+        tracemalloc.stop()
+    assert len(cloud_map) > 10_000
+    assert after - before < 2_000  # less than a byte for each new cell

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import io
+import tracemalloc
+from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from xitl_cli.record.mcap_writer import ChunkWriter, message_record
@@ -54,3 +57,32 @@ def test_an_empty_file_is_too() -> None:
     other.start("xitl", "xitl")
     other.finish()
     assert ours_stream.getvalue() == their_stream.getvalue()
+
+
+def test_the_memory_of_a_writer_does_not_grow_with_its_chunks(tmp_path: Path) -> None:
+    chunks = 1600  # the index of half of them is larger than the part of it in memory
+    with (tmp_path / "run.mcap").open("wb") as stream:
+        writer = ChunkWriter(stream, "none")
+        schema = writer.register_schema("t/msg/X", "ros2msg", b"uint8 x")
+        channel = writer.register_channel("/x", "cdr", schema)
+
+        def traced_bytes(first: int, end: int) -> int:
+            for number in range(first, end):
+                writer.write_chunk([(channel, 1000 + number, message_record(channel, 1000 + number, b"x", 0))])
+            return tracemalloc.get_traced_memory()[0]
+
+        tracemalloc.start()
+        try:
+            before = traced_bytes(0, chunks // 2)
+            after = traced_bytes(chunks // 2, chunks)
+        finally:
+            tracemalloc.stop()
+        assert after - before < chunks // 2  # less than a byte for each chunk
+        assert writer.span_ns == (1000, 999 + chunks)
+        writer.finish()
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert len(summary.chunk_indexes) == chunks
+        assert [message.log_time for _, _, message in reader.iter_messages()] == list(range(1000, 1000 + chunks))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -83,8 +82,9 @@ class _BrowserCamera:
     place_m: Array | None = None
     heading_rad: float = 0.0
     turned_rad: float = 0.0
-    sent: deque[tuple[float, ...]] = field(default_factory=lambda: deque(maxlen=SENT_KEPT))
-    """Camera positions and look-at points that the server sent to the browser."""
+    sent: Array = field(default_factory=lambda: np.full((SENT_KEPT, 6), np.inf))
+    """The latest camera positions and look-at points that the server sent to the browser, in any order."""
+    sent_count: int = 0
     heard: bool = False
     """True after the browser reported a sent position. Later reports are not older than that position."""
     stamp: float = 0.0
@@ -95,8 +95,13 @@ class _BrowserCamera:
         """Restart with another mode or vessel."""
         self.mode, self.subject, self.pose = mode, subject, usual_pose(mode, length_m)
         self.place_m, self.turned_rad = None, 0.0
-        self.sent.clear()
+        self.sent[:] = np.inf
         self.heard = False
+
+    def note_sent(self, place: tuple[float, ...]) -> None:
+        """Remember a camera position and look-at point that the server sent."""
+        self.sent[self.sent_count % SENT_KEPT] = place
+        self.sent_count += 1
 
     def moved_by_hand(self, place: tuple[float, ...]) -> bool:
         """Return whether the user moved the camera to a reported position.
@@ -105,8 +110,8 @@ class _BrowserCamera:
         """
         if not np.isfinite(place).all():
             return False
-        near_m = SAME * self.pose.distance_m
-        if any(math.dist(place, sent) < near_m for sent in reversed(self.sent)):
+        off = self.sent - place
+        if (np.einsum("ij,ij->i", off, off) < (SAME * self.pose.distance_m) ** 2).any():
             self.heard = True
             return False
         return self.heard
@@ -203,7 +208,7 @@ class Cameras:
             for name, place in (("position", position), ("look_at", follower.place_m)):
                 with suppress(ValueError):  # viser raises it after a report of non-finite values
                     setattr(camera, name, place)
-        follower.sent.append(_place(camera))
+        follower.note_sent(_place(camera))
         follower.stamp = camera.update_timestamp
 
 

@@ -318,6 +318,52 @@ class _WakeDrawing:
             self._node.points = points
 
 
+class _TrackDrawing:
+    """The track of a vessel in two nodes of constant size: each point changes the short one, each TRACK_PIECE the long.
+
+    Further nodes would grow: viser needs 30 KB for each.
+    """
+
+    def __init__(self, api: Any, path: str) -> None:
+        self._api, self._path = api, path
+        self._nodes: dict[str, Any] = {}
+        self._places: list[tuple[float, float, float]] = []
+        self._past = np.empty((0, 2, 3), dtype=np.float32)
+
+    def draw(self, place: tuple[float, float, float]) -> None:
+        """Continue the track to a place (east, north, up)."""
+        if self._places and math.dist(place, self._places[-1]) < TRACK_STEP_M:
+            return
+        self._places.append(place)
+        count = len(self._places)
+        if count < 2:
+            return
+        # A browser keeps the initial number of segments: future segments have the position of the last one.
+        places = np.array([*self._places, *[place] * (TRACK_PIECE + 1 - count)], dtype=np.float32)
+        segments = np.stack([places[:-1], places[1:]], axis=1)
+        self._draw_node("new", segments)
+        if count > TRACK_PIECE:
+            if not len(self._past):
+                self._past = np.full((TRACK_PIECES * TRACK_PIECE, 2, 3), segments[0, 0])
+            self._past = np.concatenate([self._past[TRACK_PIECE:], segments])
+            self._draw_node("past", self._past)
+            self._places = [place]
+
+    def _draw_node(self, name: str, segments: Points) -> None:
+        if name in self._nodes:
+            self._nodes[name].points = segments
+        else:
+            self._nodes[name] = self._api.add_line_segments(
+                f"{self._path}/{name}", segments, colors=TRACK, thickness=3.0, thickness_units="screen"
+            )
+
+    def forget(self) -> None:
+        """Remove the track. The next place begins a new one."""
+        for node in self._nodes.values():
+            node.remove()
+        self._nodes, self._places, self._past = {}, [], self._past[:0]
+
+
 class _VesselDrawing:
     """Nodes of one vessel: its hull, and its other nodes such as track, mission, clouds and arrows."""
 
@@ -352,8 +398,7 @@ class _VesselDrawing:
         self._obstacles_drawn: tuple[Any, ...] = ()
         self._target: Any = None
         self._guided: Any = None
-        self._track: list[Any] = []
-        self._places: list[list[float]] = []
+        self._track = _TrackDrawing(api, self._path.replace("/vessels", "/tracks", 1))
         self._wind: Any = None
         self._current: Any = None
         self._mission: Array = np.empty((0, 3))
@@ -404,7 +449,8 @@ class _VesselDrawing:
                 node.wxyz = quat_multiply(across, np.array([math.cos(half), math.sin(half), 0.0, 0.0]))
         self._draw_estimate(vessel)
         if tracked:
-            self._draw_track(vessel.position_enu_m)
+            east_m, north_m, _ = vessel.position_enu_m.tolist()
+            self._track.draw((east_m, north_m, self._level_m + self._lift_m + 0.03))
         self._draw_mission(self._vessel.mission_enu_m if vessel.mission_enu_m is None else vessel.mission_enu_m)
         for number, mark in enumerate(self._marks):
             colour = REACHED if number < vessel.waypoints_reached else MISSION
@@ -416,9 +462,7 @@ class _VesselDrawing:
         self._draw_obstacles(vessel)
 
     def forget_track(self) -> None:
-        for piece in self._track:
-            piece.remove()
-        self._track, self._places = [], []
+        self._track.forget()
 
     def _draw_estimate(self, vessel: VesselInstant) -> None:
         place, attitude = vessel.estimate_position_enu_m, vessel.estimate_attitude_wxyz
@@ -435,33 +479,6 @@ class _VesselDrawing:
             self._estimate.visible = shown
         if shown and place is not None:
             _place(self._estimate, place, vessel.attitude_wxyz if attitude is None else attitude)
-
-    def _draw_track(self, place: Array) -> None:
-        point = [float(place[0]), float(place[1]), self._level_m + self._lift_m + 0.03]
-        if self._places and math.dist(point, self._places[-1]) < TRACK_STEP_M:
-            return
-        self._places.append(point)
-        count = len(self._places)
-        if count < 2:
-            return
-        path = f"{self._path.replace('/vessels', '/tracks', 1)}"
-        # A browser keeps the initial number of segments: future segments have the position of the last one.
-        places = np.array([*self._places, *[point] * (TRACK_PIECE + 1 - count)], dtype=np.float32)
-        segments = np.stack([places[:-1], places[1:]], axis=1)
-        if count == 2:
-            # The names repeat: viser keeps a message for each name that was ever removed.
-            number = (int(self._track[-1].name.rpartition("/")[2]) + 1) % (TRACK_PIECES + 1) if self._track else 0
-            self._track.append(
-                self._api.add_line_segments(
-                    f"{path}/{number}", segments, colors=TRACK, thickness=3.0, thickness_units="screen"
-                )
-            )
-            if len(self._track) > TRACK_PIECES:
-                self._track.pop(0).remove()
-        else:
-            self._track[-1].points = segments
-        if count > TRACK_PIECE:
-            self._places = [point]
 
     def _mark_at(self, place: Array | None, mark: Any, make: Callable[[], Any]) -> Any:
         """Move a mark to a place on the water, or hide it, and return it. The first place creates it."""

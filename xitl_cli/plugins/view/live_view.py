@@ -51,6 +51,8 @@ MOST_EVENTS = 200
 OBSTACLE_S = 3.0
 """Time for which an obstacle is drawn after its last report."""
 SONAR_PINGS = 400
+PROCESS_ENVIRONMENT = {"MALLOC_ARENA_MAX": "1"}
+"""glibc gives each thread a heap of its own, and buffers of viser that go from thread to thread fragment them."""
 _FLU = np.array([1.0, -1.0, -1.0])
 
 
@@ -289,7 +291,7 @@ class LiveViewNode(RunNode):
         self._watched = self._unpaced = False
         self._rate: deque[tuple[float, int]] = deque(maxlen=20)
         self._address: ViewAddress | None = None
-        self._page = SideProcess("xitl_cli.plugins.view.process", self._on_loss, END_S)
+        self._page = SideProcess("xitl_cli.plugins.view.process", self._on_loss, END_S, PROCESS_ENVIRONMENT)
         self._opened = False
         self._ended = ""
         self._recorder: Any = None

@@ -9,6 +9,7 @@ Messages to the run are JSON objects: {"ask": true}, {"browsers": 2, "joined": 5
 
 from __future__ import annotations
 
+import gc
 import socket
 import sys
 import time
@@ -38,6 +39,11 @@ CHECK_S = 0.25
 """Period of the check for new browsers while there is nothing to draw."""
 FAREWELL_S = 1.0
 """Time for which an open page stays after the end of the run, so that it shows the end."""
+COLLECT_S = 30.0
+"""Period of the garbage collection. viser's objects of a browser refer to each other, half a megabyte a browser.
+
+Python collects such objects after some dozen of browsers have left.
+"""
 
 Act = Callable[[Mapping[str, Any]], None]
 
@@ -67,6 +73,7 @@ class ViewProcess:
         self._reported = (0, 0)
         self._requested = False
         server.on_client_connect(lambda client: self._joined.add(client.client_id))
+        self._collected_s = time.monotonic()
 
     def act(self, action: Mapping[str, Any]) -> None:
         """Send an action to the run."""
@@ -103,6 +110,10 @@ class ViewProcess:
             if browsers and not self._requested:
                 self._requested = True
                 self._pipe.send({"ask": True})
+            # Collect garbage if it is due.
+            if time.monotonic() - self._collected_s >= COLLECT_S:
+                gc.collect()
+                self._collected_s = time.monotonic()
             messages = self._pipe.receive(CHECK_S)
 
     def _draw(self, instant: ViewInstant) -> None:
@@ -135,7 +146,10 @@ def main(arguments: list[str]) -> None:
     pipe = Pipe.of_process(end)
     with until_closed():
         start, *rest = pipe.receive_first()
-        ViewProcess(listener, pipe, start).run(rest)
+        process = ViewProcess(listener, pipe, start)
+        gc.collect()
+        gc.freeze()  # the objects so far stay until the end: a collection need not visit them
+        process.run(rest)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ from agent.timing.deadline import DeadlineWait
 from xitl_cli.record.topics import ClockExchange, PaceReport, TaskTiming
 from xitl_cli.run.core.statistics import Histogram, Slope, TimeBase
 
+SOURCE = "pace"
+"""Source of the log messages about pauses of the world."""
 SLIP_NS = 500_000_000
 STALL_NS = 40_000_000  # two control cycles at 50 Hz; after this time ArduPilot treats an external IMU as lost
 ANCHORS_KEPT = 64
@@ -25,6 +27,8 @@ class Pace(Protocol):
 
     slips: int
     """Number of times that the world paused because this machine stalled."""
+    slip_s: float
+    """Length of the latest of these pauses."""
 
     @property
     def waits(self) -> bool:
@@ -60,6 +64,7 @@ class Lockstep:
 
     def __init__(self) -> None:
         self.slips = 0
+        self.slip_s = 0.0
         self._sim_ns = 0
 
     @property
@@ -190,6 +195,7 @@ class Realtime:
         wait: DeadlineWait | None = None,
     ) -> None:
         self.slips = 0
+        self.slip_s = 0.0
         self._slipped_s = 0.0
         self._stalls = 0
         self._stalled_ns = 0
@@ -235,7 +241,8 @@ class Realtime:
         late_ns = now_ns - due_ns
         if late_ns > SLIP_NS:
             self.slips += 1
-            self._slipped_s += late_ns * 1e-9
+            self.slip_s = late_ns * 1e-9
+            self._slipped_s += self.slip_s
             self._anchor(now_ns, sim_ns)
         self._jitter.add(late_ns)
         self._cycles += 1

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
@@ -18,10 +18,12 @@ from xitl_cli.pipe import Pipe, PipeClosedError
 LONGEST_REASON = 200
 
 
-def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> subprocess.Popen[bytes]:
+def spawn(
+    module: str, sockets: Sequence[socket.socket], words: IO[bytes], environment: Mapping[str, str] | None = None
+) -> subprocess.Popen[bytes]:
     """Start `python -m module NUMBER…`, with the numbers of the `sockets` that it inherits.
 
-    words: file for its standard error.
+    words: file for its standard error. environment: variables that this process does not set itself.
 
     The process gets a new session, because Ctrl-C is for the run alone. Raises UserError on Windows, where a process
     inherits no socket.
@@ -39,7 +41,9 @@ def spawn(module: str, sockets: Sequence[socket.socket], words: IO[bytes]) -> su
         stdout=subprocess.DEVNULL,
         stderr=words,
         start_new_session=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
+        env=dict(environment or {})
+        | os.environ
+        | {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
     )
 
 
@@ -47,11 +51,18 @@ class SideProcess:
     """A process with a pipe. Before its start and after its end, `send` discards messages and `receive` returns none.
 
     on_loss: called once when the process ends early, with " (why)", or an empty string if the reason is unknown.
-    patience_s: time that the process may take to end.
+    patience_s: time that the process may take to end. environment: see `spawn`.
     """
 
-    def __init__(self, module: str, on_loss: Callable[[str], object], patience_s: float) -> None:
+    def __init__(
+        self,
+        module: str,
+        on_loss: Callable[[str], object],
+        patience_s: float,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self._module = module
+        self._environment = environment
         self._on_loss = on_loss
         self._patience_s = patience_s
         self._process: subprocess.Popen[bytes] | None = None
@@ -63,7 +74,7 @@ class SideProcess:
         ours, theirs = socket.socketpair()
         self._words = tempfile.TemporaryFile()  # noqa: SIM115  # read when the process has ended
         with theirs:
-            self._process = spawn(self._module, [*sockets, theirs], self._words)
+            self._process = spawn(self._module, [*sockets, theirs], self._words, self._environment)
         self._pipe = Pipe.of_run(ours)
 
     @property

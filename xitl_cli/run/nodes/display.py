@@ -20,12 +20,14 @@ from rich.text import Text
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
+from xitl_cli.run.core.pace import SOURCE as PACE
 from xitl_cli.run.core.scores import MissionScore
 from xitl_cli.run.links.connection import WARNING, AgentConnection
 from xitl_cli.run.world.plant import PlantView
 
 LIVE_INTERVAL_S = 0.2
 PLAIN_INTERVAL_S = 5.0
+STALLS_S = 60.0  # from one warning about stalls to the next
 BESIDE_WIDTH = 64  # columns that two facts in one row need
 SOURCE = "run"
 
@@ -340,9 +342,48 @@ class StatusSource:
         )
 
 
+class StallWarnings:
+    """Warns of stalls of this machine: of the first one at once, of later ones once every `STALLS_S`.
+
+    An overloaded machine has dozens in a minute. After `STALLS_S` without a stall, the next one is a first one.
+    """
+
+    def __init__(self, warn: Callable[[str], None], now_s: Callable[[], float] = time.monotonic) -> None:
+        self._warn = warn
+        self._now_s = now_s
+        self._warned_s = -math.inf
+        self._count = 0
+        self._worst_s = 0.0
+
+    def add(self, length_s: float, text: str) -> None:
+        """Add a stall. text: its warning."""
+        self.poll()
+        if self._now_s() - self._warned_s >= STALLS_S:
+            self._warned_s = self._now_s()
+            self._warn(text)
+        else:
+            self._count += 1
+            self._worst_s = max(self._worst_s, length_s)
+
+    def poll(self) -> None:
+        """Warn of the stalls of the last `STALLS_S` if it is time."""
+        if self._count and self._now_s() - self._warned_s >= STALLS_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Warn of the stalls since the last warning, if there were any."""
+        if self._count:
+            stalls = "stall" if self._count == 1 else "stalls"
+            since_s = self._now_s() - self._warned_s
+            self._warn(f"{self._count} more {stalls} in the last {since_s:.0f} s, the worst {self._worst_s:.2f} s")
+            self._warned_s = self._now_s()
+            self._count, self._worst_s = 0, 0.0
+
+
 class DisplayNode(RunNode):
     """Shows the status of the vessels from their sources at intervals, and the run's warnings when they occur.
 
+    Of stalls, it shows the first one and then a summary a minute; the recording has all of them.
     showing: the node's part of an exchange, the last of all.
     """
 
@@ -359,20 +400,23 @@ class DisplayNode(RunNode):
         self._display: StatusDisplay | None = None
         self._clock = clock
         self._sources = sources
+        self._stalls = StallWarnings(self._warn)
 
     def begin(self, context: RunContext) -> None:
         self._pace = context.pace
-        display = self._display = self._make_display()
+        self._display = self._make_display()
         for text in self._warnings:
-            self._on_display(partial(display.warn, text))
+            self._warn(text)
             context.recorder.log(0, WARNING, SOURCE, text)
         context.recorder.on_log(self._on_log)
 
     def close(self) -> None:
+        self._stalls.flush()
         if self._display is not None:
             self._on_display(self._display.close)
 
     def _show(self, step: RunStep) -> None:
+        self._stalls.poll()
         display = self._display
         if display is not None and display.due():
             first, *others = (source() for source in self._sources)
@@ -381,7 +425,13 @@ class DisplayNode(RunNode):
 
     def _on_log(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
         """Show a warning of the run. An error of the run is the last line of the command."""
-        if severity == WARNING and source == SOURCE and self._display is not None:
+        if source == PACE:
+            self._stalls.add(self._pace.slip_s, text)
+        elif severity == WARNING and source == SOURCE:
+            self._warn(text)
+
+    def _warn(self, text: str) -> None:
+        if self._display is not None:
             self._on_display(partial(self._display.warn, text))
 
     def _on_display(self, act: Callable[[], object]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from array import array
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
@@ -54,32 +53,39 @@ _ZEROS = (0,) * len(dialect.MAVLink_xitl_companion_status_message.fieldnames)
 _UNCOUNTED = ("time_usec", "latency", "manoeuvre")
 _POSE = np.dtype([("stamp_ns", "<i8"), ("numbers", "<f8", 7)])
 _PACK_POSE = Struct("<q7d").pack
+_MAP_POINT = np.dtype([("stamp_ns", "<i8"), ("point_odom_m", "<f4", 3), ("intensity", "u1")])
+"""stamp_ns: of the cloud that brought it."""
 
 
-class _Poses:
-    """Poses of a run in a temporary file, because a long run has half a million. Raises UserError on a full disk."""
+class _Kept:
+    """Records of a run in a temporary file, because a long run has millions. Raises UserError on a full disk."""
 
-    def __init__(self) -> None:
-        self._file = TemporaryFile(buffering=0)  # noqa: SIM115  # read after the run, when nodes are closed
-        self._count = 0
+    def __init__(self, record: np.dtype[Any]) -> None:
+        self._record = record
+        self._file = TemporaryFile(buffering=0)  # noqa: SIM115  read after the run, when nodes are closed
+        self._bytes = 0
         finalize(self, self._file.close)
 
     def __len__(self) -> int:
-        return self._count
+        return self._bytes // self._record.itemsize
 
-    def add(self, stamp_ns: int, pos_m: Array, quat_wxyz: Array) -> None:
+    def add(self, records: bytes) -> None:
         try:
-            self._file.write(_PACK_POSE(stamp_ns, *pos_m.tolist(), *quat_wxyz.tolist()))
+            self._file.write(records)
         except OSError as error:
             raise UserError(
-                f"{gettempdir()}: the companion's poses cannot be kept ({error.strerror}); free space and run again"
+                f"{gettempdir()}: the companion's results cannot be kept ({error.strerror}); free space and run again"
             ) from error
-        self._count += 1
+        self._bytes += len(records)
 
-    def trajectory(self) -> Trajectory:
+    def read(self) -> NDArray[Any]:
         self._file.seek(0)
-        poses = np.frombuffer(self._file.read(), dtype=_POSE, count=self._count)
-        return Trajectory(poses["stamp_ns"], poses["numbers"][:, :3], poses["numbers"][:, 3:])
+        return np.frombuffer(self._file.read(), dtype=self._record, count=len(self))
+
+
+def _trajectory(kept: _Kept) -> Trajectory:
+    poses = kept.read()
+    return Trajectory(poses["stamp_ns"], poses["numbers"][:, :3], poses["numbers"][:, 3:])
 
 
 class FindingsNode(RunNode):
@@ -95,9 +101,7 @@ class FindingsNode(RunNode):
         self.status: Any = None
         self.score = score
         self.clouds = CloudReassembler()
-        self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
-        self._lidar_seen = array("q")
-        """Stamp and number of the points of each part of the lidar's map."""
+        self._maps = {source: _Kept(_MAP_POINT) for source in _SOURCES.values()}
         self._frame = frame
         self._boom = boom
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
@@ -105,7 +109,7 @@ class FindingsNode(RunNode):
         self.sense_every = math.gcd(self._every_truth, self._every_seen)
         self._origin_ned_m = np.zeros(3)
         self._recent: deque[tuple[int, Array, Array]] = deque(maxlen=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
-        self._odometry, self._truth = _Poses(), _Poses()
+        self._odometry, self._truth = _Kept(_POSE), _Kept(_POSE)
         self._recorder: Recorder | None = None
         self._clock: SimulationClock | None = None
         self._handlers: dict[int, Callable[[Any], None]] = {
@@ -143,19 +147,16 @@ class FindingsNode(RunNode):
 
     def odometry(self) -> Trajectory:
         """Return the poses of the companion's odometry, in `odom`."""
-        return self._odometry.trajectory()
+        return _trajectory(self._odometry)
 
     def truth(self) -> Trajectory:
         """Return the true poses of the body at the same instants, in NED, for poses that arrived in time."""
-        return self._truth.trajectory()
+        return _trajectory(self._truth)
 
     def map_points(self, source: MapSource) -> tuple[Array, NDArray[np.uint8]]:
         """Return the points (k, 3) in `odom` and their intensity (k,)."""
-        points, intensity = self.maps[source]
-        return (
-            np.frombuffer(points, dtype=np.float32).reshape(-1, 3).astype(float),
-            np.frombuffer(intensity, dtype=np.uint8).copy(),
-        )
+        points = self._maps[source].read()
+        return points["point_odom_m"].astype(float), points["intensity"].copy()
 
     def companion(self) -> dict[str, Any]:
         """Return the latest status, with zeros before the first."""
@@ -165,13 +166,12 @@ class FindingsNode(RunNode):
         return {**counts, **lost, "latency_s": status.latency, "manoeuvre": _MANOEUVRES.get(status.manoeuvre, "?")}
 
     def report(self) -> dict[str, Any]:
-        points, _ = self.map_points("lidar")
-        stamps, counts = np.array(self._lidar_seen, dtype=np.int64).reshape(-1, 2).T
-        seen = SeenPoints(points.astype(np.float32), np.repeat(stamps, counts))
+        points = self._maps["lidar"].read()
+        seen = SeenPoints(points["point_odom_m"].copy(), points["stamp_ns"].copy())
         accuracy = perception_sections(self.truth(), self.odometry(), seen, self._boom)
         return {
             "odometry": accuracy.odometry,
-            "mapping": {**accuracy.mapping, "sonar_points": len(self.map_points("sonar")[0])},
+            "mapping": {**accuracy.mapping, "sonar_points": len(self._maps["sonar"])},
             "obstacles": self.score.report(),
             "companion": self.companion(),
         }
@@ -203,12 +203,12 @@ class FindingsNode(RunNode):
         stamp_ns = message.time_usec * 1000
         quat = frames.quat_normalize(np.array(message.q, dtype=float))
         place = np.array((message.x, message.y, message.z))
-        self._odometry.add(stamp_ns, place, quat)
+        self._odometry.add(_PACK_POSE(stamp_ns, *place.tolist(), *quat.tolist()))
         if self._recent and stamp_ns >= self._recent[0][0]:
             true_place, true_quat = self._true_pose(stamp_ns)
             if not len(self._truth):
                 self._recorder.perception.odom_frame(self._step_ns(), true_place, true_quat)
-            self._truth.add(stamp_ns, true_place, true_quat)
+            self._truth.add(_PACK_POSE(stamp_ns, *true_place.tolist(), *true_quat.tolist()))
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = frames.quat_to_matrix(quat), place
         velocity = np.array((message.vx, message.vy, message.vz))
@@ -232,11 +232,10 @@ class FindingsNode(RunNode):
         for cloud in self.clouds.handle(message):
             source = _SOURCES.get(cloud.kind)
             if source is not None:
-                points, intensity = self.maps[source]
-                points += cloud.points_m.tobytes()
-                intensity += cloud.intensity.tobytes()
-                if source == "lidar":
-                    self._lidar_seen.extend((cloud.stamp_ns, len(cloud.points_m)))
+                points = np.empty(len(cloud.points_m), dtype=_MAP_POINT)
+                points["stamp_ns"], points["point_odom_m"] = cloud.stamp_ns, cloud.points_m
+                points["intensity"] = cloud.intensity
+                self._maps[source].add(points.tobytes())
                 self._recorder.perception.map_points(self._step_ns(), cloud.points_m, cloud.intensity, source)
 
     def _on_obstacle(self, message: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from collections.abc import Callable
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -196,3 +197,21 @@ def test_another_vessel_may_be_looked_at(browser: Browser) -> None:
     offset = browser.look(0.0, alpha=here, beta=there)
     assert browser.camera.look_at[:2] == pytest.approx([300.0, 5.0])
     assert np.linalg.norm(offset) == pytest.approx(3.6 * 2.0)
+
+
+def test_the_memory_of_a_camera_does_not_grow(browser: Browser) -> None:
+    def traced_bytes(seconds: int) -> int:
+        for _ in range(seconds):
+            browser.look(1.0, alpha=(0.0, 0.0, EAST))
+            browser.camera.shown.clear()
+            browser._reported = 0
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        traced_bytes(2)
+        before = traced_bytes(2)
+        after = traced_bytes(30)
+    finally:
+        tracemalloc.stop()
+    assert after - before < 30 * round(1.0 / FRAME_S)  # less than a byte for each frame

@@ -12,7 +12,15 @@ from sim_core.environment.spec import EnvironmentSpec, Water
 from sim_core.environment.tide import make_tide
 from sim_core.environment.tide_spec import ConstituentSpec, TideSpec
 from xitl_cli.plugins.view import shapes
-from xitl_cli.plugins.view.drawing import GUIDED, MISSION, REACHED, SceneDrawing, stream_arrows
+from xitl_cli.plugins.view.drawing import (
+    GUIDED,
+    MISSION,
+    REACHED,
+    TRACK_PIECE,
+    TRACK_PIECES,
+    SceneDrawing,
+    stream_arrows,
+)
 from xitl_cli.plugins.view.model import (
     BodyInstant,
     SceneThruster,
@@ -115,11 +123,30 @@ def test_a_mission_that_is_another_is_drawn_in_place_of_the_first_until_time_goe
 def test_the_track_grows_and_begins_anew_when_time_goes_back(drawing: DrawingOnServer) -> None:
     for step in range(5):
         draw(drawing, float(step), replace(AT_START, position_enu_m=np.array([2.0 * step, 0.0, 0.0])))
-    points = node(drawing, "/tracks/vessel/0").points
+    points = node(drawing, "/tracks/vessel/new").points
     assert points[:4, :, 0].tolist() == [[0.0, 2.0], [2.0, 4.0], [4.0, 6.0], [6.0, 8.0]]
     assert (points[4:, :, 0] == 8.0).all()
     draw(drawing, 1.0, AT_START)
-    assert drawing.server.scene.get_handle_by_name("/tracks/vessel/0") is None
+    assert drawing.server.scene.get_handle_by_name("/tracks/vessel/new") is None
+
+
+def test_a_long_track_has_two_nodes_of_constant_size(drawing: DrawingOnServer) -> None:
+    def sail(first: int, end: int) -> None:
+        for step in range(first, end):
+            draw(drawing, float(step), replace(AT_START, position_enu_m=np.array([1.0 * step, 0.0, 0.0])))
+
+    handles = drawing.server.scene.get_handle_by_name
+    sail(0, TRACK_PIECE + 1)
+    past = node(drawing, "/tracks/vessel/past").points
+    assert past.shape == (TRACK_PIECES * TRACK_PIECE, 2, 3)
+    assert past[-TRACK_PIECE:, :, 0].tolist() == [[step, step + 1] for step in range(TRACK_PIECE)]
+    assert (past[:-TRACK_PIECE, :, 0] == 0.0).all()
+    sail(TRACK_PIECE + 1, 3 * TRACK_PIECE + 1)
+    assert node(drawing, "/tracks/vessel/past").points[-3 * TRACK_PIECE :, 1, 0].tolist() == list(
+        range(1, 3 * TRACK_PIECE + 1)
+    )
+    draw(drawing, 0.0, AT_START)
+    assert handles("/tracks/vessel/past") is handles("/tracks/vessel/new") is None
 
 
 def test_streams_point_where_they_go(drawing: DrawingOnServer) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from xitl_cli.run.core.side_process import SideProcess
+from xitl_cli.run.core.side_process import SideProcess, spawn
 
 PATIENCE_S = 30.0
 HEAD = """import os, signal, socket, sys, time
@@ -137,3 +137,17 @@ def test_before_its_start_nothing_comes_and_nothing_is_lost() -> None:
     assert beside.process.gone
     beside.process.close()
     assert beside.why == []
+
+
+def test_a_variable_of_the_process_gives_way_to_one_of_this_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("XITL_TEST_SET", "user")
+    (tmp_path / "beside.py").write_text(
+        "import os, sys\nprint(os.environ['XITL_TEST_SET'], os.environ['XITL_TEST_UNSET'], file=sys.stderr)\n"
+    )
+    words = tmp_path / "words"
+    with words.open("wb") as file:
+        spawn("beside", [], file, {"XITL_TEST_SET": "default", "XITL_TEST_UNSET": "default"}).wait()
+    assert words.read_text() == "user default\n"

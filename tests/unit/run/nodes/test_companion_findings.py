@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from types import SimpleNamespace
 from typing import Any
 
@@ -100,3 +101,35 @@ def test_a_map_comes_together_from_its_parts() -> None:
     np.testing.assert_allclose(places, points, atol=0.0051)
     assert set(intensity.tolist()) == {7}
     assert len(found.map_points("sonar")[0]) == 59
+
+
+def test_the_memory_of_poses_and_maps_does_not_grow() -> None:
+    found, heard = findings()
+    none = np.zeros(20, np.float32), np.zeros(20, np.uint8)
+    messages = [
+        message
+        for number in range(300)
+        for kind in (mav.XITL_CLOUD_KIND_LIDAR_MAP, mav.XITL_CLOUD_KIND_SONAR_MAP)
+        for message in (
+            *cloud_messages(PointCloud(kind, number, number * S, np.full((20, 3), number, np.float32), *none)),
+            odometry(number * S, 1.0, 0.0, 0.0),
+        )
+    ]
+
+    def traced_bytes(first: int, end: int) -> int:
+        for message in messages[first:end]:
+            found.handle(message)
+        heard.told.clear()
+        return tracemalloc.get_traced_memory()[0]
+
+    look(found, 400)
+    tracemalloc.start()
+    try:
+        before = traced_bytes(0, 200)
+        after = traced_bytes(200, 1200)
+    finally:
+        tracemalloc.stop()
+    assert after - before < 1000 * 10  # less than a byte for each point
+    places, _ = found.map_points("lidar")
+    assert places[:, 0].tolist() == np.repeat(np.arange(300), 20).tolist()
+    assert len(found.odometry().stamp_ns) == 600

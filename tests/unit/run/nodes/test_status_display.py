@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from xitl_cli.logs import open_log
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run.nodes.display import DisplayNode, LiveDisplay, PlainDisplay, RunStatus
+from xitl_cli.run.nodes.display import DisplayNode, LiveDisplay, PlainDisplay, RunStatus, StallWarnings
 
 
 def status(**values: object) -> RunStatus:
@@ -63,3 +64,58 @@ def test_a_warning_of_the_run_is_shown_when_it_occurs(tmp_path: Path) -> None:
     recorder.log(4, 3, "run", "the agent was killed")
     recorder.close()
     assert stream.getvalue() == ("warning: the hull is long\nwarning: no motor commands from the agent for 0.5 s\n")
+
+
+def stall_warnings(stalls: list[tuple[float, float]], until_s: float) -> list[tuple[float, str]]:
+    """Return the warnings with their times. stalls: time and length. The display is polled ten times a second."""
+    shown: list[tuple[float, str]] = []
+    now_s = [0.0]
+    warnings = StallWarnings(lambda text: shown.append((now_s[0], text)), lambda: now_s[0])
+    waiting = list(stalls)
+    for tenth in range(round(10.0 * until_s) + 1):
+        now_s[0] = tenth / 10.0
+        if waiting and waiting[0][0] <= now_s[0]:
+            length_s = waiting.pop(0)[1]
+            warnings.add(length_s, f"paused for {length_s:g} s")
+        warnings.poll()
+    warnings.flush()
+    return shown
+
+
+def test_the_first_stall_is_shown_at_once_and_later_ones_once_a_minute() -> None:
+    often = [(float(second), 0.5 + 0.01 * (second % 10)) for second in range(5, 130, 2)]
+    assert stall_warnings(often, 130.0) == [
+        (5.0, "paused for 0.55 s"),
+        (65.0, "29 more stalls in the last 60 s, the worst 0.59 s"),
+        (125.0, "30 more stalls in the last 60 s, the worst 0.59 s"),
+        (130.0, "3 more stalls in the last 5 s, the worst 0.59 s"),
+    ]
+
+
+def test_rare_stalls_are_all_shown_when_they_occur() -> None:
+    assert stall_warnings([(10.0, 0.6), (80.0, 1.2), (200.0, 0.7)], 300.0) == [
+        (10.0, "paused for 0.6 s"), (80.0, "paused for 1.2 s"), (200.0, "paused for 0.7 s")
+    ]  # fmt: skip
+
+
+def test_one_more_stall_is_shown_although_no_other_follows() -> None:
+    assert stall_warnings([(10.0, 0.6), (12.0, 1.2)], 100.0) == [
+        (10.0, "paused for 0.6 s"), (70.0, "1 more stall in the last 60 s, the worst 1.20 s")
+    ]  # fmt: skip
+
+
+def test_all_stalls_are_in_the_recording_and_few_at_the_terminal(tmp_path: Path) -> None:
+    stream = io.StringIO()
+    node = DisplayNode(lambda: PlainDisplay(Console(file=stream, width=80)), [], ClockSpec(), [])
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
+    context: Any = SimpleNamespace(recorder=recorder, pace=SimpleNamespace(slip_s=0.6))
+    node.begin(context)
+    for number in range(5):
+        recorder.log(number, 4, "pace", f"the world paused (pause {number})")
+    node.close()
+    recorder.close()
+    first, second = stream.getvalue().splitlines()
+    assert first == "warning: the world paused (pause 0)"
+    assert second == "warning: 4 more stalls in the last 0 s, the worst 0.60 s"
+    with open_log(tmp_path / "run.mcap") as log:
+        assert list(log["/log"]["message"]) == [f"the world paused (pause {number})" for number in range(5)]
