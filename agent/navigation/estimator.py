@@ -401,11 +401,8 @@ class Estimator:
         if state is None or self._fix_used_ns is None:
             return None
         variances = self._filter.variances(state.stamp_ns)
-        return variances._replace(heading_rad2=self._heading_variance_rad2(state.stamp_ns))
-
-    def _heading_variance_rad2(self, stamp_ns: int) -> float:
-        """Return the variance of the heading, NaN without one."""
-        return math.nan if self._heading_used_ns is None else self._heading.variance_rad2(stamp_ns)
+        heading_rad2 = math.nan if self._heading_used_ns is None else self._heading.variance_rad2(state.stamp_ns)
+        return variances._replace(heading_rad2=heading_rad2)
 
     @property
     def gyro_bias_frd_radps(self) -> Vector3:

@@ -569,16 +569,6 @@ def _encode_foxglove(stamp_ns: int, message: Any) -> bytes:
     return payload
 
 
-def _vector(values: Sequence[float]) -> messages.Vector3:
-    x, y, z = values
-    return messages.Vector3(x=x, y=y, z=z)
-
-
-def _quaternion(quat_wxyz: Sequence[float]) -> messages.Quaternion:
-    w, x, y, z = quat_wxyz
-    return messages.Quaternion(x=x, y=y, z=z, w=w)
-
-
 def _packed(kind: np.dtype[Any], points_m: Points, intensity: Intensity) -> NDArray[Any]:
     """Return the points (n,) with a point's dtype, in axes forward, left, up."""
     packed = np.zeros(len(points_m), dtype=kind)
@@ -595,7 +585,9 @@ def _cloud(stamp_ns: int, frame: str, packed: NDArray[Any]) -> messages.PointClo
     return messages.PointCloud(
         timestamp=timestamp(stamp_ns),
         frame_id=frame,
-        pose=messages.Pose(position=_vector((0.0, 0.0, 0.0)), orientation=_quaternion((1.0, 0.0, 0.0, 0.0))),
+        pose=messages.Pose(
+            position=messages.Vector3(x=0.0, y=0.0, z=0.0), orientation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+        ),
         point_stride=packed.dtype.itemsize,
         fields=[
             messages.PackedElementField(name=name, offset=kind[1], type=_ELEMENTS[kind[0]])

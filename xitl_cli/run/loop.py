@@ -168,7 +168,8 @@ class Loop:
             number = clock.step_ns // dt_ns
             steps = StepViews(plant, number)
             touching = plant.touching()
-            self._call(sense.due(number, {self._group_of(vessel) for vessel in touching} if touching else ()), steps)
+            touched = {0 if self._alone else vessel + 1 for vessel in touching} if touching else ()
+            self._call(sense.due(number, touched), steps)
             if number % self._every_exchange:
                 self._call(record.due(number), steps, of_lost=True)
             else:
@@ -229,9 +230,6 @@ class Loop:
             return Schedule(method, [(0, [node for nodes in (*first, *vessels, *last) for node in nodes])])
         numbered = [*((0, nodes) for nodes in first), *enumerate(vessels, start=1), *((0, nodes) for nodes in last)]
         return Schedule(method, numbered)
-
-    def _group_of(self, vessel: int) -> int:
-        return 0 if self._alone else vessel + 1
 
     def _wait_until(self, sim_ns: int) -> None:
         pace = self._pace

@@ -21,9 +21,6 @@ class Sticks(NamedTuple):
     throttle: float = 0.0
 
 
-CENTRED = Sticks()
-
-
 class _Channel(NamedTuple):
     """ArduPilot's RCx_ parameters of one channel."""
 

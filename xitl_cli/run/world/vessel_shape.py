@@ -56,7 +56,7 @@ def vessel_parts(vehicle: VesselSpec, water: Water) -> tuple[VesselPart, ...]:
     parts: list[VesselPart] = []
     for hull in vehicle.demi_hulls:
         parts += hull_parts(hull, waterline_m, len(vehicle.demi_hulls) > 1)
-    parts += _Fittings(vehicle, waterline_m).parts()
+    parts += _Fittings(vehicle).parts()
     return tuple(parts)
 
 
@@ -254,8 +254,8 @@ def _without_slivers(vertices_m: Array, faces: Array) -> Mesh:
 class _Fittings:
     """Parts other than the hulls."""
 
-    def __init__(self, vehicle: VesselSpec, waterline_m: float) -> None:
-        self._vehicle, self._waterline_m = vehicle, waterline_m
+    def __init__(self, vehicle: VesselSpec) -> None:
+        self._vehicle = vehicle
         self._hulls = vehicle.demi_hulls
         self._length_m, self._width_m = vehicle.length_m, vehicle.width_m
         self._midship_m = vehicle.midship_frd_x_m

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.fcu.control.allocation import pulse_width_us
-from agent.fcu.control.manual_control import CENTRED, NONE, ManualControl
+from agent.fcu.control.manual_control import NONE, ManualControl, Sticks
 from agent.fcu.parameters import Parameters
 
 SECOND = 1_000_000_000
@@ -52,7 +52,7 @@ def test_overrides_are_released_ignored_and_age() -> None:
     assert sticks.widths_us(SECOND)[8] == 0
     assert sticks.widths_us(3 * SECOND - 1)[2] == 1700
     assert sticks.widths_us(3 * SECOND) == NONE
-    assert sticks.sticks(3 * SECOND) == CENTRED
+    assert sticks.sticks(3 * SECOND) == Sticks()
 
 
 @pytest.mark.parametrize(("lasts_s", "after_s", "there"), [(0.0, 0, False), (-1.0, 10**6, True), (10.0, 9, True)])
