@@ -27,6 +27,7 @@ from xitl_cli.plugin import NodeContext
 from xitl_cli.plugins.cameras.daylight import Daylight, daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.detector import DetectorScore
 from xitl_cli.plugins.cameras.gimbal import Gimbal
+from xitl_cli.plugins.cameras.image_sensor import ImageResponse
 from xitl_cli.plugins.cameras.images import (
     DETECTIONS,
     FRAMES,
@@ -44,7 +45,7 @@ from xitl_cli.plugins.cameras.mavlink_camera import GimbalAngles
 from xitl_cli.plugins.cameras.models import TriangleModel, body_model, vessel_model, world_model
 from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
-from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, ImageResponse, PlacedModel, Shot, Viewpoint
+from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, PlacedModel, Shot, Viewpoint
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
 from xitl_cli.record.topics import vessel_name
 from xitl_cli.record.truth import timestamp

@@ -19,9 +19,10 @@ from sim_core.frames import Array
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from xitl_cli.plugins.cameras.detector import Detector
+from xitl_cli.plugins.cameras.image_sensor import ImageResponse
 from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
 from xitl_cli.plugins.cameras.models import TriangleModel, WorldObject
-from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, ImageResponse, Renderer, Shot
+from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, Renderer, Shot
 from xitl_cli.registry import DETECTORS, guarded, load
 
 THERMAL_NOISE_C = 0.05
@@ -77,7 +78,7 @@ class Studio:
             if camera.detector is not None
         }
         self._models = dict(models)
-        self._renderer = Renderer(models, still, samples=1)
+        self._renderer = Renderer(models, still)
 
     @property
     def device(self) -> str:
@@ -101,9 +102,9 @@ class Studio:
         pixels: NDArray[Any]
         if camera.kind == "colour":
             pixels = self._renderer.colour(wanted.shots, lens, wanted.response)
-            if camera.truth and lens.is_ideal and len(wanted.shots) == 1:
+            if camera.truth and len(wanted.shots) == 1:
                 numbers = self._renderer.numbers(lens)
-            elif camera.truth:
+            if camera.truth and numbers is None:
                 numbers = self._renderer.measure(view, lens, wanted.middle.world)[..., 0]
         else:
             measured = self._renderer.measure(view, lens, wanted.middle.world)
