@@ -128,7 +128,7 @@ class ImageSensor:
         column, row = np.arange(width_px) + 0.5 - 0.5 * width_px, np.arange(height_px) + 0.5 - 0.5 * height_px
         self._off = (column**2 + row[:, None] ** 2) / (0.25 * (width_px**2 + height_px**2))
         """Square of the distance from the middle; 1 in the corners."""
-        pattern = np.rint(GRAIN_STEPS * rng.standard_normal((GRAIN_PX, GRAIN_PX, 3))).clip(-127, 127).astype(np.int8)
+        pattern = np.rint(GRAIN_STEPS * rng.standard_normal((GRAIN_PX, GRAIN_PX, 3))).clip(-127, 127).astype(np.int16)
         repeats = -(-height_px // GRAIN_PX) + 1, -(-width_px // GRAIN_PX) + 1, 1
         self._grain = np.tile(pattern, repeats)
 
@@ -149,7 +149,8 @@ class ImageSensor:
         column, row = response.grain_at
         height, width = image.shape[:2]
         grain = self._grain[row % GRAIN_PX :][:height, column % GRAIN_PX :][:, :width]
-        added = np.multiply(cv2.LUT(image, table), grain, dtype=np.int16)
+        added = cv2.LUT(image, table)
+        added *= grain
         bits = shift + round(math.log2(GRAIN_STEPS))
         added += 1 << (bits - 1)
         added >>= bits

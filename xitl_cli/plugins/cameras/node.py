@@ -277,7 +277,6 @@ class CameraNode(RunNode):
         exposure = camera.keys.exposure
         light = middle.world.light
         grain_at = camera.rng.integers(0, 512, 2).tolist()
-        placed = [(one.model, one.first_id) for one in middle.world.placed]
         ticket = self._studio.submit(
             Commission(
                 camera=camera.keys.name,
@@ -292,7 +291,6 @@ class CameraNode(RunNode):
                     shot_noise=exposure.shot_noise,
                     grain_at=(grain_at[0], grain_at[1]),
                 ),
-                objects=tuple(placed),
                 noise_seed=int(camera.rng.integers(1 << 62)),
             )
         )

@@ -18,8 +18,9 @@ from importlib.resources import files
 from itertools import groupby
 from typing import Any
 
+import cv2
 import numpy as np
-from numpy import float32, uint8
+from numpy import float32, uint8, uint16
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
@@ -35,10 +36,16 @@ NEAR_M, FAR_M = 0.08, 12_000.0
 MOST_COMPONENTS = 64
 SHADOW_PX, SHADOW_M, SHADOW_STEP_M = 1024, 120.0, 8.0
 """Size of the shadow map, and width of the square around the camera that has shadows."""
-FOAM_PX, FOAM_M = 256, 128.0
+FOAM_PX, FOAM_M, LEAST_FOAM = 256, 128.0, 0.01
 RIPPLE_PX, RIPPLE_M = 512, 6.5
 SKY_PX = (512, 512)
-RINGS, NEAR_SEA_M = 150, 1500.0
+NEAREST_GAP, FARTHEST_GAP, GAP_PX, NEAR_SEA_M = 0.06, 0.25, 1.5, 1500.0
+"""Of the rings of the water: least and largest gap by radius, the gap that a far pixel shows, and their last radius."""
+SECTOR_RAD = math.radians(2.0)
+GRID = np.array([(x, y, 1.0) for x in np.linspace(-1.0, 1.0, 9) for y in np.linspace(-1.0, 1.0, 9)])
+"""Rays of a view whose half has a tangent of 1."""
+SCREENS = "sky map", "sky", "water", "water with foam"
+"""Programs that fill the picture."""
 CELL_M = 25.0
 """Of the grid in which models are searched for what is in sight."""
 GRAINS_M, GRAIN_OF_PX = (0.25, 0.6, 1.5), 1.0
@@ -121,10 +128,12 @@ class Target:
         self.faces = faces_of(lens)
         size = self.faces[0].size_px
         depth = context.depth_renderbuffer(size)
-        self.colour = context.framebuffer([context.texture(size, 4), context.texture(size, 1, dtype="f4")], depth)
-        self.floats = context.texture(size, 4, dtype="f4")
-        """Shape of the water, or what is measured."""
-        self.measured = context.framebuffer([self.floats], depth)
+        self.depth = context.framebuffer(depth_attachment=depth)
+        self.colour = context.framebuffer([context.texture(size, 4), context.texture(size, 1, dtype="u2")], depth)
+        self.shape = context.texture(size, 4, dtype="f2")
+        """Of the water; half precision is finer than what a pixel shows."""
+        self.shaped = context.framebuffer([self.shape], depth)
+        self.measured = context.framebuffer([context.texture(size, 4, dtype="f4")], depth)
         half = max(size[0] // 2, 1), max(size[1] // 2, 1)
         self.mirrored = context.texture(half, 4)
         self.mirrored.repeat_x = self.mirrored.repeat_y = False
@@ -242,22 +251,25 @@ class Renderer:
         """Name of the renderer, such as `llvmpipe (LLVM 15.0.6, 256 bits)`."""
         self._models: dict[str, LoadedModel] = {}
         self._programs = {
-            name: self._program(vertex, fragment)
-            for name, vertex, fragment in (
+            name: self._program(vertex, fragment, *defined)
+            for name, vertex, fragment, *defined in (
                 ("sky map", "screen.vert", "sky_map.frag"),
                 ("sky", "screen.vert", "sky.frag"),
                 ("model", "model.vert", "model.frag"),
+                ("mirrored model", "model.vert", "model.frag", "MIRRORED"),
                 ("shadow", "model.vert", "shadow.frag"),
                 ("model truth", "model.vert", "truth.frag"),
                 ("water shape", "water.vert", "surface.frag"),
                 ("water", "screen.vert", "water.frag"),
+                ("water with foam", "screen.vert", "water.frag", "FOAM"),
                 ("water truth", "water.vert", "truth.frag"),
                 ("foam", "foam.vert", "foam.frag"),
             )
         }
-        self._light = context.buffer(reserve=6 * 16)
+        self._uniforms = {name: {key: program[key] for key in program} for name, program in self._programs.items()}
+        self._light = context.buffer(reserve=8 * 16)
         self._light.bind_to_uniform_block(0)
-        self._screens = {name: context.vertex_array(self._programs[name], []) for name in ("sky map", "sky", "water")}
+        self._screens = {name: context.vertex_array(self._programs[name], []) for name in SCREENS}
         self._sky_map = context.texture(SKY_PX, 4)
         self._sky_map.repeat_x = self._sky_map.repeat_y = False
         self._sky_values = context.texture(SKY_PX, 4)
@@ -297,7 +309,7 @@ class Renderer:
             program: self._context.vertex_array(
                 self._programs[program], [_used(layout, self._programs[program])], indices, index_element_size=4
             )
-            for program in ("model", "shadow", "model truth")
+            for program in ("model", "mirrored model", "shadow", "model truth")
         }
         self._models[name] = LoadedModel(arrays, cells, self._context.buffer(reserve=max(cells.rows[0].nbytes, 20)))
 
@@ -334,14 +346,14 @@ class Renderer:
         self._set_sea(view, world)
         self._ripples.use(3)
         self._draw_shadows(view, world)
-        self._draw_foam(view, world)
         rotation = view.rot_ned_optical @ face.rot_optical_face
         to_clip = _projection(face.tangent) @ _homogeneous(rotation.T)
+        foam = self._draw_foam(view, world, to_clip)
         self._draw_mirrored(target, to_clip, view, world)
         place = 0, rows[0], width, rows[1] - rows[0]
-        target.measured.use()
-        target.measured.scissor = place
-        target.measured.clear(depth=1.0)
+        target.depth.clear(depth=1.0)  # the other buffers are written where they are read
+        target.shaped.scissor = place
+        target.shaped.use()
         context.enable_only(context.DEPTH_TEST)
         self._draw_water("water shape", to_clip, rotation, face, view, world)
         frame = target.colour
@@ -350,8 +362,8 @@ class Renderer:
         frame.depth_mask = False
         frame.use()
         context.depth_func = ">"
-        target.floats.use(6)
-        self._draw_screen("water", rotation, face)
+        target.shape.use(6)
+        self._draw_screen("water with foam" if foam else "water", rotation, face)
         frame.depth_mask = True
         frame.use()
         context.depth_func = "<"
@@ -359,22 +371,22 @@ class Renderer:
         context.depth_func = "<="
         self._draw_screen("sky", rotation, face)
         context.depth_func = "<"
-        target.measured.scissor = frame.scissor = None
-        raw = frame.read(place, components=3, alignment=1)
-        return np.frombuffer(raw, uint8).reshape(rows[1] - rows[0], width, 3)
+        target.shaped.scissor = frame.scissor = None
+        raw = np.frombuffer(frame.read(place, components=4), uint8)  # three components take longer
+        return cv2.cvtColor(raw.reshape(rows[1] - rows[0], width, 4), cv2.COLOR_RGBA2RGB)
 
-    def numbers(self, lens: Lens) -> NDArray[float32] | None:
+    def numbers(self, lens: Lens) -> NDArray[uint16] | None:
         """Return the numbers of the objects in the latest image, of one shot, (H, W); None for a lens of many faces."""
         target = self._target(lens)
         if len(target.faces) > 1:
             return None
         (face,) = target.faces
         with self._context:
-            raw = np.frombuffer(target.colour.read(components=1, attachment=1, dtype="f4"), float32)
+            raw = np.frombuffer(target.colour.read(components=1, attachment=1, dtype="u2", alignment=1), uint16)
         drawn = raw.reshape(face.size_px[1], face.size_px[0])
         if face.pixels is None:
             return drawn
-        result = np.full((lens.height_px, lens.width_px), SKY_ID, float32)
+        result = np.full((lens.height_px, lens.width_px), SKY_ID, uint16)
         result[face.pixels.here] = drawn[face.pixels.nearest]
         return result
 
@@ -408,12 +420,13 @@ class Renderer:
 
     # Parts
 
-    def _program(self, vertex: str, fragment: str) -> Any:
+    def _program(self, vertex: str, fragment: str, *defined: str) -> Any:
         folder = files(__package__) / "shaders"
         common = (folder / "common.glsl").read_text()
         sources = [
-            f"#version 330\n#define TILE_M {RIPPLE_M}\n" + common + (folder / name).read_text()
-            for name in (vertex, fragment)
+            "\n".join(("#version 330", f"#define TILE_M {RIPPLE_M}", *(f"#define {name}" for name in defined), common))
+            + (folder / file).read_text()
+            for file in (vertex, fragment)
         ]
         program = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
         if "Light" in program:
@@ -426,7 +439,7 @@ class Renderer:
 
     def _write(self, program: str, **values: Any) -> None:
         """Set the uniforms that a program has; matrices are given row by row."""
-        uniforms = self._programs[program]
+        uniforms = self._uniforms[program]
         for name, value in values.items():
             if name in uniforms:
                 array = np.asarray(value)
@@ -443,14 +456,21 @@ class Renderer:
     def _set_light(self, world: DrawnWorld, exposure: float) -> None:
         light, wind = world.light, float(np.hypot(*world.wind_ne_mps))
         sea_light = light.sky + light.sun * max(-float(light.sun_ned[2]), 0.0)
+        from_water = world.water_colour * sea_light
+        disc = math.exp(-400.0 * world.extinction_per_m) if light.sun[0] > 1e-3 else 0.0
+        variance = _unresolved_variance(world, wind)
+        # Whitecaps: share of the sea by Monahan and O'Muircheartaigh 1980
+        whitecaps = max(3.84e-6 * wind**3.41, 1e-5)
         values = np.array(
             [
                 [*light.sun_ned, math.cos(SUN_RADIUS_RAD)],
-                [*light.sun, 0.0],
+                [*light.sun, disc],
                 [*light.sky, world.extinction_per_m],
-                [*(world.water_colour * sea_light + 0.06 * light.sky), exposure],
+                [*(from_water + 0.06 * light.sky), exposure],
                 [*light.horizon, world.time_s],
-                [*world.water_colour, _unresolved_variance(world, wind)],
+                [*from_water, variance],
+                [*(0.75 * sea_light), math.sqrt(0.5 * variance)],
+                [1.0 / (0.1 + 0.02 * wind), 1.0 - 3.0 * whitecaps, 1.0 / (1.5 * whitecaps), 4.0 / exposure],
             ],
             dtype=float32,
         )
@@ -494,14 +514,13 @@ class Renderer:
         self._components.use(2)
         wind = float(np.hypot(*world.wind_ne_mps))
         toward = world.wind_ne_mps / wind if wind > 0.0 else np.zeros(2)
-        whitecaps = 3.84e-6 * wind**3.41  # share of the sea (Monahan and O'Muircheartaigh 1980)
-        for program in ("water", "water shape", "water truth"):
+        for program in ("water", "water with foam", "water shape", "water truth"):
             self._write(
                 program,
                 count=count,
                 water_at=[0.0, 0.0, world.water_down_m - view.pos_ned_m[2]],
                 origin_ne=np.remainder(view.pos_ned_m[:2], RIPPLE_M),
-                wind=[*toward, wind, whitecaps],
+                drift=np.remainder(0.25 * toward * world.time_s, RIPPLE_M),
                 water_id=float(SEA_ID),
                 water_temperature=WATER_C,
             )
@@ -518,7 +537,8 @@ class Renderer:
         if wanted == self._shadow_of:
             to_map = self._to_shadow.copy()
             to_map[:3, 3] += to_map[:3, :3] @ (view.pos_ned_m - middle_m)
-            self._write("model", to_shadow=to_map)
+            for program in ("model", "mirrored model"):
+                self._write(program, to_shadow=to_map)
             return
         self._shadow_of = wanted
         across = np.cross(sun, [0.0, 0.0, 1.0])
@@ -538,14 +558,18 @@ class Renderer:
         self._to_shadow[2, 3] += 0.5
         self._draw_shadows(view, world)
 
-    def _draw_foam(self, view: Viewpoint, world: DrawnWorld) -> None:
+    def _draw_foam(self, view: Viewpoint, world: DrawnWorld, to_clip: Array) -> bool:
+        """Draw the map of foam. Return whether the picture may show some."""
+        trails = [trail for trail in world.foam if _foam_in_sight(trail, view, world, to_clip)]
+        if not trails:
+            return False
         self._foam_frame.use()
         self._foam_frame.clear()
         self._context.enable_only(self._context.BLEND)
         self._context.blend_func = self._context.ONE, self._context.ONE
         corner = [-0.5 * FOAM_M, -0.5 * FOAM_M, FOAM_M]
         self._write("foam", foam_frame=corner)
-        for trail in world.foam:
+        for trail in trails:
             rows = np.empty((2 * len(trail.share), 3), float32)
             rows[0::2, :2], rows[1::2, :2] = trail.left_ne_m - view.pos_ned_m[:2], trail.right_ne_m - view.pos_ned_m[:2]
             rows[:, 2] = np.repeat(trail.share, 2)
@@ -555,7 +579,8 @@ class Renderer:
             strip.release()
             buffer.release()
         self._foam.use(5)
-        self._write("water", foam_frame=corner)  # its edge has no foam, so that there is none beyond
+        self._write("water with foam", foam_frame=corner)  # its edge has no foam, so that there is none beyond
+        return True
 
     def _draw_mirrored(self, target: Target, to_clip: Array, view: Viewpoint, world: DrawnWorld) -> None:
         still_m = world.water_down_m - view.pos_ned_m[2]
@@ -565,12 +590,9 @@ class Renderer:
         target.mirror.clear()
         self._context.enable_only(self._context.DEPTH_TEST)
         self._context.enable_direct(0x3000)  # GL_CLIP_DISTANCE0
-        self._write("model", mirrored=True)
-        self._draw_models(
-            "model", to_clip @ flip, view, world.placed, (0.0, 0.0, -1.0, still_m + 0.02), target.lens.focal_px / 4.0
-        )
+        above = 0.0, 0.0, -1.0, still_m + 0.02
+        self._draw_models("mirrored model", to_clip @ flip, view, world.placed, above, target.lens.focal_px / 4.0)
         self._context.disable_direct(0x3000)
-        self._write("model", mirrored=False)
         target.mirrored.use(4)
 
     def _draw_models(
@@ -598,8 +620,9 @@ class Renderer:
         self, program: str, to_clip: Array, rotation: Array, face: ViewFace, view: Viewpoint, world: DrawnWorld
     ) -> None:
         """Draw a fan of rings over the directions that the face sees."""
-        height_m = abs(world.water_down_m - view.pos_ned_m[2])
-        vertices, indices = fan(rotation, face.tangent, height_m)
+        height_m = world.water_down_m - view.pos_ned_m[2]
+        crest_m = float(np.sum(world.waves.amplitude_m)) if isinstance(world.waves, WaveField) else 0.0
+        vertices, indices = fan(rotation, face, abs(height_m), crest_m)
         self._write(program, to_clip=to_clip)
         points, order = self._context.buffer(vertices.tobytes()), self._context.buffer(indices.tobytes())
         layout = (points, "2f 2f", "in_bearing", "in_ring")
@@ -633,6 +656,17 @@ def _used(layout: tuple[Any, ...], program: Any) -> tuple[Any, ...]:
     return buffer, " ".join(part for part, _ in kept), *(name for _, name in kept if name is not None)
 
 
+def _foam_in_sight(trail: FoamTrail, view: Viewpoint, world: DrawnWorld, to_clip: Array) -> bool:
+    """Whether a picture may show foam: some of its ends are not all beyond one side of the picture."""
+    seen = trail.share > LEAST_FOAM
+    ends = np.concatenate([trail.left_ne_m[seen], trail.right_ne_m[seen]]) - view.pos_ned_m[:2]
+    if not len(ends):
+        return False
+    down = np.full((len(ends), 1), world.water_down_m - view.pos_ned_m[2])
+    x, y, _, w = to_clip @ np.hstack([ends, down, np.ones_like(down)]).T
+    return not any(side.all() for side in (x > w, x < -w, y > w, y < -w))
+
+
 def _projection(tangent: tuple[float, float]) -> Array:
     """Return the (4, 4) projection of optical axes. The first row of the image is the first row of the buffer."""
     matrix = np.zeros((4, 4))
@@ -650,36 +684,78 @@ def _homogeneous(rotation: Array) -> Array:
 
 
 def fan(
-    rot_ned_face: Array, tangent: tuple[float, float], height_m: float
+    rot_ned_face: Array, face: ViewFace, height_m: float, crest_m: float
 ) -> tuple[NDArray[float32], NDArray[np.uint32]]:
     """Return vertices (V, 4) and indices of rings about the camera: unit bearing, radius, distance to the next ring.
 
-    It covers the directions that a face sees. Near rings are as far apart as a pixel sees them, far ones grow in
-    proportion to their radius.
+    It covers the directions that a face sees, for water up to `crest_m` above and below its still surface.
     """
-    corners = np.array([[x * tangent[0], y * tangent[1], 1.0] for x in (-1, 0, 1) for y in (-1, 0, 1)]) @ rot_ned_face.T
+    rays = GRID * [*face.tangent, 1.0] @ rot_ned_face.T
     forward = rot_ned_face[:, 2]
-    half_view = math.atan(math.hypot(*tangent))
+    half_view = math.atan(math.hypot(*face.tangent))
     tilt = abs(math.asin(float(np.clip(forward[2], -1.0, 1.0))))
-    steep = tilt + half_view > 0.45 * math.pi
-    if steep:
-        first, last = -math.pi, math.pi
+    slopes = rays[:, 2] / np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-9)
+    far_m = 0.9 * FAR_M if slopes.min() <= 0.0 else 1.1 * (height_m + crest_m) / float(slopes.min())
+    if tilt + half_view > 0.45 * math.pi:
+        near_m, first, last = 0.0, -math.pi, math.pi
     else:
+        near_m = 0.9 * max(height_m - crest_m, 0.0) / max(float(slopes.max()), 1e-3)
         middle = math.atan2(forward[1], forward[0])
-        offsets = np.angle(np.exp(1j * (np.arctan2(corners[:, 1], corners[:, 0]) - middle)))
+        offsets = np.angle(np.exp(1j * (np.arctan2(rays[:, 1], rays[:, 0]) - middle)))
         first, last = middle + offsets.min() - 0.05, middle + offsets.max() + 0.05
-    sectors = max(math.ceil((last - first) / math.radians(1.0)), 8)
-    bearing = np.linspace(first, last, sectors + 1)
-    near_m = np.geomspace(max(0.15 * height_m, 0.05), NEAR_SEA_M, RINGS)
-    radius = np.concatenate([[0.0], near_m, [3_000.0, 0.9 * FAR_M]])
+    radius, fine = _rings(near_m, far_m, height_m, 0.5 * face.size_px[0] / face.tangent[0])
+    pairs = max(math.ceil(0.5 * (last - first) / SECTOR_RAD), 4)
+    bearing = np.linspace(first, last, 2 * pairs + 1)
     gap = np.diff(radius, append=radius[-1] * 1.1)
-    vertices = np.empty((len(radius), len(bearing), 4), float32)
-    vertices[..., 0], vertices[..., 1] = np.cos(bearing), np.sin(bearing)
-    vertices[..., 2], vertices[..., 3] = radius[:, None], gap[:, None]
-    row = len(bearing)
-    low = (np.arange(len(radius) - 1)[:, None] * row + np.arange(sectors)).ravel()
-    quads = np.column_stack([low, low + 1, low + row, low + 1, low + row + 1, low + row])
-    return vertices.reshape(-1, 4), quads.ravel().astype(np.uint32)
+    place = np.empty((len(radius), len(bearing), 4), float32)
+    place[..., 0], place[..., 1] = np.cos(bearing), np.sin(bearing)
+    place[..., 2], place[..., 3] = radius[:, None], gap[:, None]
+    # Far rings have half as many sectors; one row of triangles joins them to the near rings.
+    vertices = np.concatenate([place[:fine].reshape(-1, 4), place[fine:, ::2].reshape(-1, 4)])
+    begun, row = fine * len(bearing), np.arange(pairs)
+    last_near = begun - len(bearing) + 2 * row
+    near_outer = begun + row
+    joint = [
+        (last_near, last_near + 1, near_outer),
+        (last_near + 1, near_outer + 1, near_outer),
+        (last_near + 1, last_near + 2, near_outer + 1),
+    ]
+    triangles = [
+        *_quads(0, fine, len(bearing)),
+        *(np.column_stack(three) for three in joint),
+        *_quads(begun, len(radius) - fine, pairs + 1),
+    ]
+    return vertices, np.concatenate(triangles).ravel().astype(np.uint32)
+
+
+def _rings(near_m: float, far_m: float, height_m: float, px_per_rad: float) -> tuple[Array, int]:
+    """Return the radii of rings, and how many of them are so near that a pixel separates them well.
+
+    Near gaps are in proportion to the radius, farther ones to its square, as pixels see it, the farthest again to the
+    radius.
+    """
+    start_m, end_m = max(near_m, 0.15 * height_m, 0.05), min(far_m, NEAR_SEA_M)
+    turns_m = np.array([NEAREST_GAP, FARTHEST_GAP]) * px_per_rad * max(height_m, 0.05) / GAP_PX
+    near_end_m, middle_end_m = np.clip(turns_m, start_m, max(start_m, end_m)).tolist()
+    near = np.geomspace(start_m, near_end_m, _count(math.log(near_end_m / start_m), math.log1p(NEAREST_GAP)))
+    inverse = 1.0 / near_end_m, 1.0 / middle_end_m
+    middle = 1.0 / np.linspace(*inverse, _count(inverse[0] - inverse[1], NEAREST_GAP / turns_m[0]))
+    end_m = max(end_m, middle_end_m)
+    far = np.geomspace(middle_end_m, end_m, _count(math.log(end_m / middle_end_m), math.log1p(FARTHEST_GAP)))
+    first = [] if near_m > 0.0 else [0.0]
+    last = [2.0 * end_m, max(0.9 * FAR_M, 3.0 * end_m)] if far_m > NEAR_SEA_M else [1.2 * end_m]
+    return np.concatenate([first, near, middle[1:], far[1:], last]), len(first) + len(near)
+
+
+def _count(length: float, step: float) -> int:
+    """Return how many points divide a length into steps."""
+    return math.ceil(length / step) + 1
+
+
+def _quads(begun: int, rings: int, across: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the triangles between rings of so many vertices: (T, 3) indices, twice."""
+    low = (begun + np.arange(rings - 1)[:, None] * across + np.arange(across - 1)).ravel()
+    return np.column_stack([low, low + 1, low + across]), np.column_stack([low + 1, low + across + 1, low + across])
 
 
 def _unresolved_variance(world: DrawnWorld, wind_mps: float) -> float:
