@@ -19,18 +19,17 @@ from sim_core.sensors.lens import Lens
 from sim_core.world.geometry import CONCRETE, STEEL, Mesh, box, moved, sphere
 from xitl_cli.plugins.cameras.daylight import daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.gimbal import ROT_FRD_OPTICAL
+from xitl_cli.plugins.cameras.image_sensor import ImageResponse, faces_of
 from xitl_cli.plugins.cameras.images import ObjectClass
 from xitl_cli.plugins.cameras.models import VERTEX, TriangleModel, WorldObject, triangles, world_model
 from xitl_cli.plugins.cameras.renderer import (
     SEA_ID,
     SKY_ID,
     DrawnWorld,
-    ImageResponse,
     PlacedModel,
     Renderer,
     Shot,
     Viewpoint,
-    faces_of,
 )
 from xitl_cli.profile import load_profile
 from xitl_cli.scenery import Scenery
@@ -77,15 +76,15 @@ def at_origin(name: str) -> PlacedModel:
 def river() -> Iterator[tuple[Scenery, TriangleModel, Renderer]]:
     scenery = Scenery(load_profile("sitl-perception"))
     world = world_model(scenery)
-    renderer = Renderer({"world": world}, ("world",), samples=1)
+    renderer = Renderer({"world": world}, ("world",))
     yield scenery, world, renderer
     renderer.close()
 
 
 def drawn(
-    one: TriangleModel, where: Viewpoint, lens: Lens, response: ImageResponse = NOISELESS, samples: int = 4
+    one: TriangleModel, where: Viewpoint, lens: Lens, response: ImageResponse = NOISELESS
 ) -> np.ndarray:
-    renderer = Renderer({"one": one}, samples=samples)
+    renderer = Renderer({"one": one})
     world = surroundings(at_origin("one"))
     try:
         return renderer.colour([Shot(where, world)], lens, replace(response, exposure=world.light.exposure))
@@ -147,7 +146,7 @@ CENTRES = np.array([[20.0, 0.0, -40.0], [20.0, 7.0, -44.0], [15.0, -9.0, -36.0],
 @pytest.fixture(scope="module")
 def balls() -> Iterator[Renderer]:
     one = model(*(moved(sphere(0.35, STEEL, 32, 24), centre) for centre in CENTRES))
-    renderer = Renderer({"balls": one}, samples=1)
+    renderer = Renderer({"balls": one})
     yield renderer
     renderer.close()
 
@@ -176,7 +175,7 @@ def test_an_object_is_where_its_lens_projects_it(balls: Renderer, spec: LensSpec
 @pytest.mark.parametrize("view_deg", [100.0, 180.0, 220.0])
 def test_every_pixel_of_a_fisheye_is_drawn_once(view_deg: float) -> None:
     lens = Lens.from_spec(LensSpec(model="fisheye", view_deg=view_deg), 90, 90)
-    times = sum(np.asarray(face.places is not None and face.places[..., 0] >= 0.0, int) for face in faces_of(lens))
+    times = sum(np.asarray(face.pixels is not None and face.pixels.here, int) for face in faces_of(lens))
     seen = np.isfinite(lens.all_directions()).all(axis=-1)
     assert seen.any()
     np.testing.assert_array_equal(times, seen.astype(int))
@@ -204,7 +203,7 @@ def board(squares_m: float) -> tuple[TriangleModel, np.ndarray, int]:
 @pytest.mark.medium
 def test_opencv_finds_the_true_pose_of_a_marker() -> None:
     marker, corners, number = board(0.25)
-    renderer = Renderer({"board": marker}, samples=4)
+    renderer = Renderer({"board": marker})
     turn_deg, place = 24.0, np.array([9.0, 1.2, -3.0])
     rotation = frames.quat_to_matrix(frames.euler_to_quat(np.radians([0.0, 0.0, turn_deg])))
     world = surroundings(PlacedModel("board", place, rotation, 1))
@@ -234,7 +233,7 @@ def test_the_same_picture_is_drawn_again(river: tuple[Scenery, TriangleModel, Re
     renderer.colour([Shot(view(-30.0, 2.0, -1.5, 140.0), around)], LENS, response)
     again = renderer.colour([Shot(where, around)], LENS, response)
     np.testing.assert_array_equal(first, again)
-    other = Renderer({"world": world}, ("world",), samples=1)
+    other = Renderer({"world": world}, ("world",))
     np.testing.assert_array_equal(first, other.colour([Shot(where, around)], LENS, response))
     other.close()
 
@@ -242,7 +241,7 @@ def test_the_same_picture_is_drawn_again(river: tuple[Scenery, TriangleModel, Re
 @pytest.mark.medium
 def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
     pole = model(moved(box((0.3, 0.3, 30.0), STEEL), (20.0, 0.0, -10.0)), colour=(0.05, 0.05, 0.05))
-    renderer = Renderer({"pole": pole}, samples=1)
+    renderer = Renderer({"pole": pole})
     world = surroundings(at_origin("pole"))
     response = ImageResponse(exposure=world.light.exposure)
     step_deg = 0.9  # of yaw from each band of rows to the next
@@ -266,7 +265,7 @@ def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
 @pytest.mark.medium
 def test_fog_hides_what_is_beyond_the_visibility() -> None:
     wall = model(moved(box((1.0, 20.0, 20.0), CONCRETE), (60.0, 0.0, -10.0)), colour=(0.02, 0.02, 0.02))
-    renderer = Renderer({"wall": wall}, samples=1)
+    renderer = Renderer({"wall": wall})
 
     def contrast(visibility_m: float) -> float:
         world = surroundings(at_origin("wall"), extinction_per_m=visible_extinction_per_m(visibility_m))
@@ -298,7 +297,7 @@ def test_noise_has_the_deviation_of_its_keys() -> None:
 
 def test_sky_and_water_meet_at_the_horizon() -> None:
     none = model(moved(box((1.0, 1.0, 1.0), STEEL), (-500.0, 0.0, 0.0)))
-    renderer = Renderer({"one": none}, samples=1)
+    renderer = Renderer({"one": none})
     measured = renderer.measure(view(0.0, 0.0, -3.0, pitch_deg=-4.0), LENS, surroundings(at_origin("one")))
     renderer.close()
     numbers = measured[:, 320, 0]

@@ -36,7 +36,7 @@ NEAR_M, FAR_M = 0.08, 12_000.0
 MOST_COMPONENTS = 64
 SHADOW_PX, SHADOW_M, SHADOW_STEP_M = 1024, 120.0, 8.0
 """Size of the shadow map, and width of the square around the camera that has shadows."""
-FOAM_PX, FOAM_M, LEAST_FOAM = 256, 128.0, 0.01
+FOAM_PX, FOAM_M, LEAST_FOAM, FEWEST_WHITECAPS = 256, 128.0, 0.01, 1e-4
 RIPPLE_PX, RIPPLE_M = 512, 6.5
 SKY_PX = (512, 512)
 NEAREST_GAP, FARTHEST_GAP, GAP_PX, NEAR_SEA_M = 0.06, 0.25, 1.5, 1500.0
@@ -459,8 +459,8 @@ class Renderer:
         from_water = world.water_colour * sea_light
         disc = math.exp(-400.0 * world.extinction_per_m) if light.sun[0] > 1e-3 else 0.0
         variance = _unresolved_variance(world, wind)
-        # Whitecaps: share of the sea by Monahan and O'Muircheartaigh 1980
-        whitecaps = max(3.84e-6 * wind**3.41, 1e-5)
+        whitecaps = 3.84e-6 * wind**3.41  # share of the sea (Monahan and O'Muircheartaigh 1980)
+        crests = [1.0 - 3.0 * whitecaps, 1.0 / (1.5 * whitecaps)] if whitecaps > FEWEST_WHITECAPS else [2.0, 1.0]
         values = np.array(
             [
                 [*light.sun_ned, math.cos(SUN_RADIUS_RAD)],
@@ -470,7 +470,7 @@ class Renderer:
                 [*light.horizon, world.time_s],
                 [*from_water, variance],
                 [*(0.75 * sea_light), math.sqrt(0.5 * variance)],
-                [1.0 / (0.1 + 0.02 * wind), 1.0 - 3.0 * whitecaps, 1.0 / (1.5 * whitecaps), 4.0 / exposure],
+                [1.0 / (0.1 + 0.02 * wind), *crests, 4.0 / exposure],
             ],
             dtype=float32,
         )
