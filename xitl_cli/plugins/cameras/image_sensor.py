@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy import float32, uint8
-from numpy.random import Generator
+from numpy.random import default_rng
 from numpy.typing import NDArray
 
 from sim_core.frames import Array
@@ -35,7 +35,7 @@ class ImageResponse:
     read_noise: float = 0.0
     shot_noise: float = 0.0
     grain_at: tuple[int, int] = (0, 0)
-    """Where the noise of this image begins in the pattern of the renderer, drawn at random for each image."""
+    """Where the noise of this image begins in the pattern of the sensor, drawn at random for each image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,9 +122,10 @@ def _face(
 
 
 class ImageSensor:
-    """Adds vignetting and noise to images of one size. rng: of the pattern of the noise."""
+    """Adds vignetting and noise to images of one size."""
 
-    def __init__(self, width_px: int, height_px: int, rng: Generator) -> None:
+    def __init__(self, width_px: int, height_px: int) -> None:
+        rng = default_rng(1)  # the same pattern in all runs
         column, row = np.arange(width_px) + 0.5 - 0.5 * width_px, np.arange(height_px) + 0.5 - 0.5 * height_px
         self._off = (column**2 + row[:, None] ** 2) / (0.25 * (width_px**2 + height_px**2))
         """Square of the distance from the middle; 1 in the corners."""

@@ -1,12 +1,12 @@
 """Draws the world with OpenGL, on a GPU or, without one, with Mesa's software renderer. It needs no display.
 
     renderer = Renderer(models)
-    renderer.colour(shots, lens, response)  ->  image
+    renderer.colour(shots, lens, exposure)  ->  image without noise
     renderer.measure(view, lens, world)     ->  object, metres and temperature of each pixel
 
 Passes of one picture: the sky by direction (when the light has changed), shadows, objects mirrored at the still water,
-the shape of the water, its light, objects, sky. OpenCV then bends the picture as the lens does, and adds noise. A second
-set of passes measures object, distance and temperature of each pixel.
+the shape of the water, its light, objects, sky. OpenCV then bends the picture as the lens does. A second set of passes
+measures object, distance and temperature of each pixel.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from sim_core.frames import Array
 from sim_core.sensors.lens import Lens
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.cameras.daylight import SUN_RADIUS_RAD, Daylight
-from xitl_cli.plugins.cameras.image_sensor import ImageResponse, ImageSensor, ViewFace, faces_of
+from xitl_cli.plugins.cameras.image_sensor import ViewFace, faces_of
 from xitl_cli.plugins.cameras.models import VERTEX, WATER_C, TriangleModel
 
 NEAR_M, FAR_M = 0.08, 12_000.0
@@ -138,7 +138,6 @@ class Target:
         self.mirrored = context.texture(half, 4)
         self.mirrored.repeat_x = self.mirrored.repeat_y = False
         self.mirror = context.framebuffer([self.mirrored], context.depth_renderbuffer(half))
-        self.sensor = ImageSensor(lens.width_px, lens.height_px, default_rng(1))  # the same pattern in all runs
 
 
 def make_context() -> Any:
@@ -320,21 +319,21 @@ class Renderer:
 
     # Pictures
 
-    def colour(self, shots: Sequence[Shot], lens: Lens, response: ImageResponse) -> NDArray[uint8]:
+    def colour(self, shots: Sequence[Shot], lens: Lens, exposure: float) -> NDArray[uint8]:
         """Return an image, (H, W, 3), sRGB: the mean of the shots of each row."""
         with self._context:  # several renderers may exist
-            return self._image(shots, lens, response)
+            return self._image(shots, lens, exposure)
 
-    def _image(self, shots: Sequence[Shot], lens: Lens, response: ImageResponse) -> NDArray[uint8]:
+    def _image(self, shots: Sequence[Shot], lens: Lens, exposure: float) -> NDArray[uint8]:
         target = self._target(lens)
         image = np.zeros((lens.height_px, lens.width_px, 3), uint8)
         for rows, group in groupby(shots, lambda shot: shot.rows or (0, lens.height_px)):
             together = list(group)
             for face in target.faces:
                 drawn_rows = rows if face.pixels is None else (0, face.size_px[1])
-                pictures = (self._draw(target, face, shot, drawn_rows, response.exposure) for shot in together)
+                pictures = (self._draw(target, face, shot, drawn_rows, exposure) for shot in together)
                 face.seen(_mean(pictures, [shot.share for shot in together]), rows, image)
-        return target.sensor.expose(image, response)
+        return image
 
     def _draw(
         self, target: Target, face: ViewFace, shot: Shot, rows: tuple[int, int], exposure: float

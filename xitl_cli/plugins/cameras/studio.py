@@ -20,7 +20,7 @@ from sim_core.frames import Array
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from xitl_cli.plugins.cameras.detector import Detector
-from xitl_cli.plugins.cameras.image_sensor import ImageResponse
+from xitl_cli.plugins.cameras.image_sensor import ImageResponse, ImageSensor
 from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
 from xitl_cli.plugins.cameras.models import TriangleModel, WorldObject
 from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, Renderer, Shot
@@ -61,8 +61,20 @@ class Commission:
     noise_seed: int = 0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawing:
+    """An image before its noise, its truth and its encoding."""
+
+    pixels: NDArray[Any]
+    numbers: NDArray[uint16] | None
+    """Objects, (H, W), of a camera with truth."""
+
+
 class Studio:
-    """Takes images with the cameras of one vessel. models: by name, for the renderer. still: those that never move."""
+    """Takes images with the cameras of one vessel. models: by name, for the renderer. still: those that never move.
+
+    `draw` needs the thread that created the studio. Another thread may call `develop` at the same time.
+    """
 
     def __init__(
         self, cameras: Sequence[CameraSpec], models: Mapping[str, TriangleModel], still: Collection[str] = ()
@@ -76,6 +88,7 @@ class Studio:
             for camera in cameras
             if camera.detector is not None
         }
+        self._sensors = {camera.name: ImageSensor(camera.width_px, camera.height_px) for camera in cameras}
         self._models = dict(models)
         self._renderer = Renderer(models, still)
 
@@ -93,22 +106,25 @@ class Studio:
         """Release the renderer."""
         self._renderer.close()
 
-    def take(self, wanted: Commission) -> CameraImage:
-        """Return an image. Raises PluginError when the detector of a package fails."""
-        camera, lens = self._cameras[wanted.camera], self._lenses[wanted.camera]
-        view = wanted.middle.view
-        numbers: NDArray[uint16] | None = None
-        pixels: NDArray[Any]
+    def draw(self, wanted: Commission) -> Drawing:
+        """Draw an image."""
+        camera, lens, middle = self._cameras[wanted.camera], self._lenses[wanted.camera], wanted.middle
+        if camera.kind != "colour":
+            measured = self._renderer.measure(middle.view, lens, middle.world)
+            return Drawing(self._value(camera.kind, measured, wanted), measured[..., 0].astype(uint16))
+        pixels = self._renderer.colour(wanted.shots, lens, wanted.response.exposure)
+        numbers = self._renderer.numbers(lens) if camera.truth and len(wanted.shots) == 1 else None
+        if camera.truth and numbers is None:
+            numbers = self._renderer.measure(middle.view, lens, middle.world)[..., 0].astype(uint16)
+        return Drawing(pixels, numbers)
+
+    def develop(self, wanted: Commission, drawing: Drawing) -> CameraImage:
+        """Return the image of a drawing. Raises PluginError when the detector of a package fails."""
+        camera, lens, view = self._cameras[wanted.camera], self._lenses[wanted.camera], wanted.middle.view
+        pixels, numbers = drawing.pixels, drawing.numbers
         if camera.kind == "colour":
-            pixels = self._renderer.colour(wanted.shots, lens, wanted.response)
-            if camera.truth and len(wanted.shots) == 1:
-                numbers = self._renderer.numbers(lens)
-            if camera.truth and numbers is None:
-                numbers = self._renderer.measure(view, lens, wanted.middle.world)[..., 0].astype(uint16)
-        else:
-            measured = self._renderer.measure(view, lens, wanted.middle.world)
-            pixels, numbers = self._value(camera.kind, measured, wanted), measured[..., 0].astype(uint16)
-        known = {name: model.objects for name, model in self._models.items()}
+            pixels = self._sensors[camera.name].expose(pixels, wanted.response)
+        known = {placed.model: self._models[placed.model].objects for placed in wanted.middle.world.placed}
         detector, name = self._detectors.get(camera.name), camera.detector or ""
         return CameraImage(
             camera=camera.name,
