@@ -117,8 +117,9 @@ def _face(
     column, row = np.clip(places.astype(np.intp), 0, np.array(size) - 1).T
     centres = np.zeros((*here.shape, 2), float32)  # the centre of the first pixel is at 0, 0
     centres[here] = np.clip(places - 0.5, 0.0, np.array(size) - 1)
-    maps = cv2.convertMaps(centres, None, cv2.CV_16SC2)
-    return ViewFace(rotation, size, tangent, FacePixels(here, maps, (row, column), directions[here][:, 2] / local[:, 2]))
+    maps = cv2.convertMaps(centres[..., 0], centres[..., 1], cv2.CV_16SC2)
+    depth = directions[here][:, 2] / local[:, 2]
+    return ViewFace(rotation, size, tangent, FacePixels(here, maps, (row, column), depth))
 
 
 class ImageSensor:
@@ -150,10 +151,9 @@ class ImageSensor:
         column, row = response.grain_at
         height, width = image.shape[:2]
         grain = self._grain[row % GRAIN_PX :][:height, column % GRAIN_PX :][:, :width]
-        added = cv2.LUT(image, table)
+        added: NDArray[np.int16] = np.asarray(cv2.LUT(image, table), np.int16)
         added *= grain
         bits = shift + round(math.log2(GRAIN_STEPS))
         added += 1 << (bits - 1)
         added >>= bits
-        noisy: NDArray[uint8] = cv2.add(image, added, dtype=cv2.CV_8U)
-        return noisy
+        return np.asarray(cv2.add(image, added, dtype=cv2.CV_8U), uint8)

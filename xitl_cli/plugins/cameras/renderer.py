@@ -44,6 +44,8 @@ NEAREST_GAP, FARTHEST_GAP, GAP_PX, NEAR_SEA_M = 0.06, 0.25, 1.5, 1500.0
 SECTOR_RAD = math.radians(2.0)
 GRID = np.array([(x, y, 1.0) for x in np.linspace(-1.0, 1.0, 9) for y in np.linspace(-1.0, 1.0, 9)])
 """Rays of a view whose half has a tangent of 1."""
+SAMPLERS = "sky_map", "shadow_map", "components", "ripples", "mirrored", "foam_map", "surface", "sky_values"
+"""Names in the programs, by texture unit."""
 SCREENS = "sky map", "sky", "water", "water with foam"
 """Programs that fill the picture."""
 CELL_M = 25.0
@@ -372,7 +374,7 @@ class Renderer:
         context.depth_func = "<"
         target.shaped.scissor = frame.scissor = None
         raw = np.frombuffer(frame.read(place, components=4), uint8)  # three components take longer
-        return cv2.cvtColor(raw.reshape(rows[1] - rows[0], width, 4), cv2.COLOR_RGBA2RGB)
+        return np.asarray(cv2.cvtColor(raw.reshape(rows[1] - rows[0], width, 4), cv2.COLOR_RGBA2RGB), uint8)
 
     def numbers(self, lens: Lens) -> NDArray[uint16] | None:
         """Return the numbers of the objects in the latest image, of one shot, (H, W); None for a lens of many faces."""
@@ -430,8 +432,7 @@ class Renderer:
         program = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
         if "Light" in program:
             program["Light"].binding = 0
-        units = {"sky_map": 0, "shadow_map": 1, "components": 2, "ripples": 3, "mirrored": 4, "foam_map": 5, "surface": 6}
-        for sampler, unit in {**units, "sky_values": 7}.items():
+        for unit, sampler in enumerate(SAMPLERS):
             if sampler in program:
                 program[sampler].value = unit
         return program
