@@ -114,10 +114,20 @@ PERCEPTION_FIGURES = [  # a minute and a half: at rest, along the boom, around d
     ),
 ]  # fmt: skip
 CAMERA = "sensors.cameras=[{name: front, position_frd_m: [1, 0, -0.9], pitch_deg: -6}]"
+FOUR_CAMERAS = (
+    "sensors.cameras=[{name: front, position_frd_m: [1, 0, -0.9], pitch_deg: -6}, "
+    "{name: right, position_frd_m: [1, 0, -0.9], pitch_deg: -6, yaw_deg: 90}, "
+    "{name: back, position_frd_m: [-1, 0, -0.9], pitch_deg: -6, yaw_deg: 180}, "
+    "{name: left, position_frd_m: [1, 0, -0.9], pitch_deg: -6, yaw_deg: -90}]"
+)
 CAMERA_FIGURES = [
     Figure(
         "sitl with a camera of 640 x 480 at 10 Hz", ">= 4", "x real time",
         lambda: factors("sitl", 3, 30.0, "--set", CAMERA),
+    ),
+    Figure(
+        "sitl with four cameras of 640 x 480 at 10 Hz", ">= 1", "x real time",
+        lambda: factors("sitl", 3, 30.0, "--set", FOUR_CAMERAS),
     ),
 ]  # fmt: skip
 COMMAND_FIGURES = [

@@ -19,24 +19,22 @@ from sim_core.sensors.lens import Lens
 from sim_core.world.geometry import CONCRETE, STEEL, Mesh, box, moved, sphere
 from xitl_cli.plugins.cameras.daylight import daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.gimbal import ROT_FRD_OPTICAL
+from xitl_cli.plugins.cameras.image_sensor import ImageResponse, ImageSensor, faces_of
 from xitl_cli.plugins.cameras.images import ObjectClass
 from xitl_cli.plugins.cameras.models import VERTEX, TriangleModel, WorldObject, triangles, world_model
 from xitl_cli.plugins.cameras.renderer import (
     SEA_ID,
     SKY_ID,
     DrawnWorld,
-    ImageResponse,
     PlacedModel,
     Renderer,
     Shot,
     Viewpoint,
-    faces_of,
 )
 from xitl_cli.profile import load_profile
 from xitl_cli.scenery import Scenery
 
 LENS = Lens.from_spec(LensSpec(view_deg=75), 640, 480)
-NOISELESS = ImageResponse()
 
 
 def view(north_m: float, east_m: float, down_m: float, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Viewpoint:
@@ -77,20 +75,9 @@ def at_origin(name: str) -> PlacedModel:
 def river() -> Iterator[tuple[Scenery, TriangleModel, Renderer]]:
     scenery = Scenery(load_profile("sitl-perception"))
     world = world_model(scenery)
-    renderer = Renderer({"world": world}, ("world",), samples=1)
+    renderer = Renderer({"world": world}, ("world",))
     yield scenery, world, renderer
     renderer.close()
-
-
-def drawn(
-    one: TriangleModel, where: Viewpoint, lens: Lens, response: ImageResponse = NOISELESS, samples: int = 4
-) -> np.ndarray:
-    renderer = Renderer({"one": one}, samples=samples)
-    world = surroundings(at_origin("one"))
-    try:
-        return renderer.colour([Shot(where, world)], lens, replace(response, exposure=world.light.exposure))
-    finally:
-        renderer.close()
 
 
 @pytest.mark.medium
@@ -147,7 +134,7 @@ CENTRES = np.array([[20.0, 0.0, -40.0], [20.0, 7.0, -44.0], [15.0, -9.0, -36.0],
 @pytest.fixture(scope="module")
 def balls() -> Iterator[Renderer]:
     one = model(*(moved(sphere(0.35, STEEL, 32, 24), centre) for centre in CENTRES))
-    renderer = Renderer({"balls": one}, samples=1)
+    renderer = Renderer({"balls": one})
     yield renderer
     renderer.close()
 
@@ -176,7 +163,7 @@ def test_an_object_is_where_its_lens_projects_it(balls: Renderer, spec: LensSpec
 @pytest.mark.parametrize("view_deg", [100.0, 180.0, 220.0])
 def test_every_pixel_of_a_fisheye_is_drawn_once(view_deg: float) -> None:
     lens = Lens.from_spec(LensSpec(model="fisheye", view_deg=view_deg), 90, 90)
-    times = sum(np.asarray(face.places is not None and face.places[..., 0] >= 0.0, int) for face in faces_of(lens))
+    times = sum(np.asarray(face.pixels is not None and face.pixels.here, int) for face in faces_of(lens))
     seen = np.isfinite(lens.all_directions()).all(axis=-1)
     assert seen.any()
     np.testing.assert_array_equal(times, seen.astype(int))
@@ -204,12 +191,12 @@ def board(squares_m: float) -> tuple[TriangleModel, np.ndarray, int]:
 @pytest.mark.medium
 def test_opencv_finds_the_true_pose_of_a_marker() -> None:
     marker, corners, number = board(0.25)
-    renderer = Renderer({"board": marker}, samples=4)
+    renderer = Renderer({"board": marker})
     turn_deg, place = 24.0, np.array([9.0, 1.2, -3.0])
     rotation = frames.quat_to_matrix(frames.euler_to_quat(np.radians([0.0, 0.0, turn_deg])))
     world = surroundings(PlacedModel("board", place, rotation, 1))
     where = view(0.0, 0.0, -2.5)
-    image = renderer.colour([Shot(where, world)], LENS, ImageResponse(exposure=world.light.exposure))
+    image = renderer.colour([Shot(where, world)], LENS, world.light.exposure)
     renderer.close()
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     found, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
@@ -229,34 +216,34 @@ def test_opencv_finds_the_true_pose_of_a_marker() -> None:
 def test_the_same_picture_is_drawn_again(river: tuple[Scenery, TriangleModel, Renderer]) -> None:
     _, world, renderer = river
     where, around = view(3.0, 2.0, -1.5, 40.0), surroundings(PlacedModel("world", np.zeros(3), np.eye(3), 1))
-    response = ImageResponse(around.light.exposure, 0.3, 0.01, 0.01, (11, 301))
-    first = renderer.colour([Shot(where, around)], LENS, response).copy()
-    renderer.colour([Shot(view(-30.0, 2.0, -1.5, 140.0), around)], LENS, response)
-    again = renderer.colour([Shot(where, around)], LENS, response)
+    exposure = around.light.exposure
+    first = renderer.colour([Shot(where, around)], LENS, exposure)
+    renderer.colour([Shot(view(-30.0, 2.0, -1.5, 140.0), around)], LENS, exposure)
+    again = renderer.colour([Shot(where, around)], LENS, exposure)
     np.testing.assert_array_equal(first, again)
-    other = Renderer({"world": world}, ("world",), samples=1)
-    np.testing.assert_array_equal(first, other.colour([Shot(where, around)], LENS, response))
+    other = Renderer({"world": world}, ("world",))
+    np.testing.assert_array_equal(first, other.colour([Shot(where, around)], LENS, exposure))
     other.close()
 
 
 @pytest.mark.medium
 def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
     pole = model(moved(box((0.3, 0.3, 30.0), STEEL), (20.0, 0.0, -10.0)), colour=(0.05, 0.05, 0.05))
-    renderer = Renderer({"pole": pole}, samples=1)
+    renderer = Renderer({"pole": pole})
     world = surroundings(at_origin("pole"))
-    response = ImageResponse(exposure=world.light.exposure)
+    exposure = world.light.exposure
     step_deg = 0.9  # of yaw from each band of rows to the next
     bands = [
         Shot(view(0, 0, -10.0, yaw_deg=step_deg * number), world, (60 * number, 60 * number + 60))
         for number in range(8)
     ]
-    image = renderer.colour(bands, LENS, response)[..., 1].astype(int)
+    image = renderer.colour(bands, LENS, exposure)[..., 1].astype(int)
     darkest = [int(np.argmin(image[60 * number + 30])) for number in range(8)]
     expected = [LENS.centre_px[0] - LENS.focal_px * math.tan(math.radians(step_deg * number)) for number in range(8)]
     np.testing.assert_allclose(darkest, expected, atol=4.5)  # the pole is six pixels wide
-    sharp = renderer.colour([Shot(view(0, 0, -10.0), world)], LENS, response)[100, :, 1].astype(int)
+    sharp = renderer.colour([Shot(view(0, 0, -10.0), world)], LENS, exposure)[100, :, 1].astype(int)
     shots = [Shot(view(0, 0, -10.0, yaw_deg=0.2 * number), world, None, 0.2) for number in range(-2, 3)]
-    blurred = renderer.colour(shots, LENS, response)[100, :, 1].astype(int)
+    blurred = renderer.colour(shots, LENS, exposure)[100, :, 1].astype(int)
     renderer.close()
     level = int(np.median(sharp))
     assert (level - blurred > 8).sum() > (level - sharp > 8).sum()
@@ -266,11 +253,11 @@ def test_a_rolling_shutter_slants_and_an_exposure_blurs() -> None:
 @pytest.mark.medium
 def test_fog_hides_what_is_beyond_the_visibility() -> None:
     wall = model(moved(box((1.0, 20.0, 20.0), CONCRETE), (60.0, 0.0, -10.0)), colour=(0.02, 0.02, 0.02))
-    renderer = Renderer({"wall": wall}, samples=1)
+    renderer = Renderer({"wall": wall})
 
     def contrast(visibility_m: float) -> float:
         world = surroundings(at_origin("wall"), extinction_per_m=visible_extinction_per_m(visibility_m))
-        image = renderer.colour([Shot(view(0, 0, -8.0), world)], LENS, ImageResponse(exposure=world.light.exposure))
+        image = renderer.colour([Shot(view(0, 0, -8.0), world)], LENS, world.light.exposure)
         rows = image[200:230].astype(float) / 255.0
         light = np.where(rows > 0.04045, ((rows + 0.055) / 1.055) ** 2.4, rows / 12.92)[..., 1]
         return float(1.0 - light[:, 310:330].mean() / light[:, 2:20].mean())
@@ -283,22 +270,30 @@ def test_fog_hides_what_is_beyond_the_visibility() -> None:
     assert thick < 0.02
 
 
-@pytest.mark.medium
-def test_noise_has_the_deviation_of_its_keys() -> None:
-    away = view(0.0, 0.0, -50.0, pitch_deg=60.0)
-    none = model(moved(box((1.0, 1.0, 1.0), STEEL), (-500.0, 0.0, 0.0)))
-    calm = drawn(none, away, LENS).astype(float)
-    noisy = drawn(none, away, LENS, ImageResponse(read_noise=0.02, shot_noise=0.03, grain_at=(5, 9))).astype(float)
-    middling = (calm > 80) & (calm < 180)
-    expected = np.sqrt(0.02**2 + 0.03**2 * calm[middling] / 255.0)
-    measured = (noisy - calm)[middling] / 255.0 / expected
-    assert measured.std() == pytest.approx(1.0, abs=0.03)
-    assert measured.mean() == pytest.approx(0.0, abs=0.02)
+@pytest.mark.parametrize(("read", "shot"), [(0.02, 0.03), (0.0, 0.01), (0.004, 0.01), (0.1, 0.0)])
+def test_noise_has_the_deviation_of_its_keys(read: float, shot: float) -> None:
+    calm = np.full((480, 640, 3), 128, np.uint8)
+    sensor = ImageSensor(640, 480)
+    noisy = sensor.expose(calm, ImageResponse(read_noise=read, shot_noise=shot, grain_at=(5, 9)))
+    rounding = math.sqrt(1.0 / 12.0)
+    expected = math.hypot(255.0 * math.sqrt(read**2 + shot**2 * 128.0 / 255.0), rounding)
+    measured = noisy.astype(float) - 128.0
+    assert measured.std() == pytest.approx(expected, rel=0.02)
+    assert measured.mean() == pytest.approx(0.0, abs=0.02 * expected + 0.02)
+    elsewhere = sensor.expose(calm, ImageResponse(read_noise=read, shot_noise=shot, grain_at=(6, 9)))
+    np.testing.assert_array_equal(noisy[:, 1:], elsewhere[:, :-1])
+
+
+def test_vignetting_darkens_the_corners_by_its_share_of_the_light() -> None:
+    even = np.full((480, 640, 3), 200, np.uint8)
+    image = ImageSensor(640, 480).expose(even, ImageResponse(vignetting=0.36))
+    assert image[240, 320].tolist() == [200, 200, 200]
+    assert image[0, 0, 0] == pytest.approx(200 * math.sqrt(1.0 - 0.36), abs=1.0)
 
 
 def test_sky_and_water_meet_at_the_horizon() -> None:
     none = model(moved(box((1.0, 1.0, 1.0), STEEL), (-500.0, 0.0, 0.0)))
-    renderer = Renderer({"one": none}, samples=1)
+    renderer = Renderer({"one": none})
     measured = renderer.measure(view(0.0, 0.0, -3.0, pitch_deg=-4.0), LENS, surroundings(at_origin("one")))
     renderer.close()
     numbers = measured[:, 320, 0]

@@ -96,8 +96,6 @@ class CameraImage:
     """Turns the optical axes (x right, y down, z ahead) into NED, (3, 3)."""
     objects: tuple[SeenObject, ...] = ()
     """Ground truth, of a camera with `truth`."""
-    instances: NDArray[uint16] | None = None
-    """(H, W) ground truth: 1 + index in `objects`, 0 for everything else."""
     horizon_px: tuple[float, float] | None = None
     """Ground truth: row of the horizon at the first and at the last column, of an ideal pinhole; None for none."""
     detections: tuple[Detection, ...] = ()

@@ -27,6 +27,7 @@ from xitl_cli.plugin import NodeContext
 from xitl_cli.plugins.cameras.daylight import Daylight, daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.detector import DetectorScore
 from xitl_cli.plugins.cameras.gimbal import Gimbal
+from xitl_cli.plugins.cameras.image_sensor import ImageResponse
 from xitl_cli.plugins.cameras.images import (
     DETECTIONS,
     FRAMES,
@@ -44,7 +45,7 @@ from xitl_cli.plugins.cameras.mavlink_camera import GimbalAngles
 from xitl_cli.plugins.cameras.models import TriangleModel, body_model, vessel_model, world_model
 from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
-from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, ImageResponse, PlacedModel, Shot, Viewpoint
+from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, PlacedModel, Shot, Viewpoint
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
 from xitl_cli.record.topics import vessel_name
 from xitl_cli.record.truth import timestamp
@@ -276,7 +277,6 @@ class CameraNode(RunNode):
         exposure = camera.keys.exposure
         light = middle.world.light
         grain_at = camera.rng.integers(0, 512, 2).tolist()
-        placed = [(one.model, one.first_id) for one in middle.world.placed]
         ticket = self._studio.submit(
             Commission(
                 camera=camera.keys.name,
@@ -291,7 +291,6 @@ class CameraNode(RunNode):
                     shot_noise=exposure.shot_noise,
                     grain_at=(grain_at[0], grain_at[1]),
                 ),
-                objects=tuple(placed),
                 noise_seed=int(camera.rng.integers(1 << 62)),
             )
         )

@@ -10,11 +10,13 @@ from __future__ import annotations
 import socket
 import sys
 import time
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe, until_closed
 from xitl_cli.plugins.cameras.remote_studio import StudioStart, message_of
-from xitl_cli.plugins.cameras.studio import Commission, Studio
+from xitl_cli.plugins.cameras.studio import Commission, Drawing, Studio
 
 
 def main(pipe: Pipe) -> None:
@@ -28,21 +30,30 @@ def main(pipe: Pipe) -> None:
         return
     pipe.send({"device": studio.device})
     images, first_s = 0, 0.0
-    while True:
-        for message in messages:
-            if not isinstance(message, Commission):
-                studio.add(*message)
-                continue
+
+    def develop(commission: Commission, drawing: Drawing) -> None:
+        nonlocal images, first_s
+        image = studio.develop(commission, drawing)
+        images += 1
+        if images == 1:  # with the compilation of the programs
+            first_s = time.process_time()
+        pipe.send(message_of(image, 1e3 * (time.process_time() - first_s) / max(images - 1, 1)))
+
+    with ThreadPoolExecutor(1) as darkroom:  # develops an image while the next one is drawn
+        under_way: deque[Future[None]] = deque()
+        while True:
+            for message in messages:
+                if isinstance(message, Commission):
+                    under_way.append(darkroom.submit(develop, message, studio.draw(message)))
+                else:
+                    studio.add(*message)
             try:
-                image = studio.take(message)
+                while under_way and under_way[0].done():
+                    under_way.popleft().result()
             except UserError as error:
                 pipe.send({"problem": str(error)})
                 return
-            images += 1
-            if images == 1:  # with the compilation of the programs
-                first_s = time.process_time()
-            pipe.send(message_of(image, 1e3 * (time.process_time() - first_s) / max(images - 1, 1)))
-        messages = pipe.receive(1.0)
+            messages = pipe.receive(0.01 if under_way else 1.0)
 
 
 if __name__ == "__main__":

@@ -1,25 +1,26 @@
 """Draws the world with OpenGL, on a GPU or, without one, with Mesa's software renderer. It needs no display.
 
     renderer = Renderer(models)
-    renderer.colour(shots, lens, response)  ->  image
+    renderer.colour(shots, lens, exposure)  ->  image without noise
     renderer.measure(view, lens, world)     ->  object, metres and temperature of each pixel
 
 Passes of one picture: the sky by direction (when the light has changed), shadows, objects mirrored at the still water,
-sky, objects, water, then the lens with exposure and noise. A second set of passes measures object, distance and
-temperature of each pixel.
+the shape of the water, its light, objects, sky. OpenCV then bends the picture as the lens does. A second set of passes
+measures object, distance and temperature of each pixel.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import groupby
 from typing import Any
 
+import cv2
 import numpy as np
-from numpy import float32, uint8
+from numpy import float32, uint8, uint16
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
@@ -28,17 +29,25 @@ from sim_core.frames import Array
 from sim_core.sensors.lens import Lens
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.cameras.daylight import SUN_RADIUS_RAD, Daylight
+from xitl_cli.plugins.cameras.image_sensor import ViewFace, faces_of
 from xitl_cli.plugins.cameras.models import VERTEX, WATER_C, TriangleModel
 
 NEAR_M, FAR_M = 0.08, 12_000.0
 MOST_COMPONENTS = 64
 SHADOW_PX, SHADOW_M, SHADOW_STEP_M = 1024, 120.0, 8.0
 """Size of the shadow map, and width of the square around the camera that has shadows."""
-FOAM_PX, FOAM_M = 256, 128.0
+FOAM_PX, FOAM_M, LEAST_FOAM, FEWEST_WHITECAPS = 256, 128.0, 0.01, 1e-4
 RIPPLE_PX, RIPPLE_M = 512, 6.5
 SKY_PX = (512, 512)
-GRAIN_PX = 512
-RINGS, NEAR_SEA_M = 150, 1500.0
+NEAREST_GAP, FARTHEST_GAP, GAP_PX, NEAR_SEA_M = 0.06, 0.25, 1.5, 1500.0
+"""Of the rings of the water: least and largest gap by radius, the gap that a far pixel shows, and their last radius."""
+SECTOR_RAD = math.radians(2.0)
+GRID = np.array([(x, y, 1.0) for x in np.linspace(-1.0, 1.0, 9) for y in np.linspace(-1.0, 1.0, 9)])
+"""Rays of a view whose half has a tangent of 1."""
+SAMPLERS = "sky_map", "shadow_map", "components", "ripples", "mirrored", "foam_map", "surface", "sky_values"
+"""Names in the programs, by texture unit."""
+SCREENS = "sky map", "sky", "water", "water with foam"
+"""Programs that fill the picture."""
 CELL_M = 25.0
 """Of the grid in which models are searched for what is in sight."""
 GRAINS_M, GRAIN_OF_PX = (0.25, 0.6, 1.5), 1.0
@@ -46,8 +55,6 @@ GRAINS_M, GRAIN_OF_PX = (0.25, 0.6, 1.5), 1.0
 SEA_ID, SKY_ID = 60_000, 65_000
 """Numbers of water and sky in the pictures. Those of objects are smaller."""
 SKY_C = -20.0
-MOST_BENT_DEG = 75.0
-"""Half of the widest view that is drawn as one plane. Wider lenses are drawn as the faces of a cube."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,105 +122,24 @@ class Shot:
     """Weight in the mean of the shots with the same rows."""
 
 
-@dataclass(frozen=True, slots=True)
-class ImageResponse:
-    """From light to the values of an image."""
-
-    exposure: float = 1.0
-    vignetting: float = 0.0
-    read_noise: float = 0.0
-    shot_noise: float = 0.0
-    grain_at: tuple[int, int] = (0, 0)
-    """Where the noise of this image begins in the pattern of the renderer, drawn at random for each image."""
-
-
 class Target:
     """Buffers for the pictures of one lens."""
 
-    def __init__(self, context: Any, lens: Lens, samples: int) -> None:
+    def __init__(self, context: Any, lens: Lens) -> None:
         self.lens = lens
         self.faces = faces_of(lens)
-        width, height = self.faces[0].size_px
-        self.drawn = context.texture((width, height), 4)
-        self.drawn.repeat_x = self.drawn.repeat_y = False
-        self.numbers = context.texture((width, height), 1, dtype="f4")
-        self.colour = context.framebuffer([self.drawn, self.numbers])
-        self.several = (
-            context.framebuffer(
-                [
-                    context.renderbuffer((width, height), 4, samples=samples),
-                    context.renderbuffer((width, height), 1, samples=samples, dtype="f4"),
-                ],
-                context.depth_renderbuffer((width, height), samples=samples),
-            )
-            if samples > 1
-            else context.framebuffer([self.drawn, self.numbers], context.depth_renderbuffer((width, height)))
-        )
-        half = max(width // 2, 1), max(height // 2, 1)
+        size = self.faces[0].size_px
+        depth = context.depth_renderbuffer(size)
+        self.depth = context.framebuffer(depth_attachment=depth)
+        self.colour = context.framebuffer([context.texture(size, 4), context.texture(size, 1, dtype="u2")], depth)
+        self.shape = context.texture(size, 4, dtype="f2")
+        """Of the water; half precision is finer than what a pixel shows."""
+        self.shaped = context.framebuffer([self.shape], depth)
+        self.measured = context.framebuffer([context.texture(size, 4, dtype="f4")], depth)
+        half = max(size[0] // 2, 1), max(size[1] // 2, 1)
         self.mirrored = context.texture(half, 4)
         self.mirrored.repeat_x = self.mirrored.repeat_y = False
         self.mirror = context.framebuffer([self.mirrored], context.depth_renderbuffer(half))
-        self.measured = context.framebuffer(
-            [context.texture((width, height), 4, dtype="f4")], context.depth_renderbuffer((width, height))
-        )
-        size = lens.width_px, lens.height_px
-        self.sum = context.texture((width, height), 4, dtype="f2")
-        self.sum.repeat_x = self.sum.repeat_y = False
-        self.total = context.framebuffer([self.sum])
-        self.image = context.framebuffer([context.texture(size, 4, dtype="f1")])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ViewFace:
-    """A plane on which a part of the view is drawn, and the pixels of the image that look at it."""
-
-    rot_optical_face: Array
-    """Turns the axes of the face into those of the camera, (3, 3)."""
-    size_px: tuple[int, int]
-    tangent: tuple[float, float]
-    """Of half the view, to the right and down."""
-    places: NDArray[float32] | None
-    """Of an ideal pinhole None. Otherwise (H, W, 2): where each pixel looks, 0 to 1; -1 for pixels of other faces."""
-
-
-def faces_of(lens: Lens) -> tuple[ViewFace, ...]:
-    """Return the planes that together show what a lens sees."""
-    if lens.is_ideal:
-        tangent = 0.5 * lens.width_px / lens.focal_px, 0.5 * lens.height_px / lens.focal_px
-        return (ViewFace(np.eye(3), (lens.width_px, lens.height_px), tangent, None),)
-    directions = lens.all_directions()
-    seen: NDArray[np.bool_] = np.asarray(np.isfinite(directions).all(axis=-1))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ahead = directions[..., 2] > math.cos(math.radians(MOST_BENT_DEG))
-        plane = np.abs(directions[..., :2] / directions[..., 2:])
-    if bool(ahead[seen].all()):  # one plane, as fine in its middle as the image
-        tangent = float(plane[seen][:, 0].max() * 1.01), float(plane[seen][:, 1].max() * 1.01)
-        size = math.ceil(2 * tangent[0] * lens.focal_px), math.ceil(2 * tangent[1] * lens.focal_px)
-        shrink = min(1.0, 2.0 * lens.width_px / size[0], 2.0 * lens.height_px / size[1])
-        size = round(size[0] * shrink), round(size[1] * shrink)
-        return (_face(directions, seen, np.eye(3), size, tangent),)
-    x, y, z = np.eye(3)
-    turns = [(x, y, z), (-z, y, x), (z, y, -x), (x, -z, y), (x, z, -y), (-x, y, -z)]
-    side = math.ceil(2.0 * lens.focal_px)
-    largest = np.abs(np.where(seen[..., None], directions, 0.0)).max(axis=-1)
-    faces, left = [], seen.copy()
-    for axes in turns:
-        rotation = np.column_stack(axes)
-        along = np.where(seen, directions @ rotation[:, 2], 0.0)
-        here = left & (along >= largest - 1e-12)
-        left &= ~here
-        if here.any():
-            faces.append(_face(directions, here, rotation, (side, side), (1.0, 1.0)))
-    return tuple(faces)
-
-
-def _face(
-    directions: Array, here: NDArray[np.bool_], rotation: Array, size: tuple[int, int], tangent: tuple[float, float]
-) -> ViewFace:
-    local = directions @ rotation
-    with np.errstate(invalid="ignore", divide="ignore"):
-        places = 0.5 + 0.5 * local[..., :2] / local[..., 2:] / np.array(tangent)
-    return ViewFace(rotation, size, tangent, np.where(here[..., None], places, -1.0).astype(float32))
 
 
 def make_context() -> Any:
@@ -317,36 +243,34 @@ class LoadedModel:
 class Renderer:
     """Draws pictures of models in one OpenGL context.
 
-    still: names of models that never move, and so cast shadows. samples: of each pixel, for smooth edges.
+    still: names of models that never move, and so cast shadows.
     """
 
-    def __init__(self, models: Mapping[str, TriangleModel], still: Collection[str] = (), samples: int = 4) -> None:
-        rng = default_rng(1)  # of the patterns on water and sensors, the same in all runs
+    def __init__(self, models: Mapping[str, TriangleModel], still: Collection[str] = ()) -> None:
         context = self._context = make_context()
         self.device = str(context.info["GL_RENDERER"])
         """Name of the renderer, such as `llvmpipe (LLVM 15.0.6, 256 bits)`."""
-        self._samples = min(samples, context.max_samples)
         self._models: dict[str, LoadedModel] = {}
         self._programs = {
-            name: self._program(vertex, fragment)
-            for name, vertex, fragment in (
+            name: self._program(vertex, fragment, *defined)
+            for name, vertex, fragment, *defined in (
                 ("sky map", "screen.vert", "sky_map.frag"),
                 ("sky", "screen.vert", "sky.frag"),
                 ("model", "model.vert", "model.frag"),
+                ("mirrored model", "model.vert", "model.frag", "MIRRORED"),
                 ("shadow", "model.vert", "shadow.frag"),
                 ("model truth", "model.vert", "truth.frag"),
-                ("water", "water.vert", "water.frag"),
+                ("water shape", "water.vert", "surface.frag"),
+                ("water", "screen.vert", "water.frag"),
+                ("water with foam", "screen.vert", "water.frag", "FOAM"),
                 ("water truth", "water.vert", "truth.frag"),
                 ("foam", "foam.vert", "foam.frag"),
-                ("lens", "screen.vert", "lens.frag"),
-                ("sum", "screen.vert", "sum.frag"),
             )
         }
-        self._light = context.buffer(reserve=6 * 16)
+        self._uniforms = {name: {key: program[key] for key in program} for name, program in self._programs.items()}
+        self._light = context.buffer(reserve=8 * 16)
         self._light.bind_to_uniform_block(0)
-        self._screens = {
-            name: context.vertex_array(self._programs[name], []) for name in ("sky map", "sky", "lens", "sum")
-        }
+        self._screens = {name: context.vertex_array(self._programs[name], []) for name in SCREENS}
         self._sky_map = context.texture(SKY_PX, 4)
         self._sky_map.repeat_x = self._sky_map.repeat_y = False
         self._sky_values = context.texture(SKY_PX, 4)
@@ -362,18 +286,13 @@ class Renderer:
         self._shadow_frame = context.framebuffer(depth_attachment=self._shadow_map)
         self._components = context.texture((MOST_COMPONENTS, 1), 4, dtype="f4")
         self._components.filter = (context.NEAREST, context.NEAREST)
-        self._ripples = context.texture((RIPPLE_PX, RIPPLE_PX), 4, _ripples(rng).tobytes())
+        self._ripples = context.texture((RIPPLE_PX, RIPPLE_PX), 4, _ripples(default_rng(1)).tobytes())
         self._ripples.build_mipmaps()
         self._ripples.filter = (context.LINEAR_MIPMAP_LINEAR, context.LINEAR)
-        self._grain = context.texture((GRAIN_PX, GRAIN_PX), 4, _grain(rng).tobytes())
-        self._grain.filter = (context.NEAREST, context.NEAREST)
         self._foam = context.texture((FOAM_PX, FOAM_PX), 1, dtype="f1")
         self._foam.repeat_x = self._foam.repeat_y = False
         self._foam_frame = context.framebuffer([self._foam])
-        self._fan = context.buffer(reserve=16)
-        self._water: dict[str, Any] = {}
         self._targets: dict[Lens, Target] = {}
-        self._sources: dict[tuple[Lens, int], Any] = {}
         for name, model in models.items():
             self.add(name, model)
 
@@ -391,7 +310,7 @@ class Renderer:
             program: self._context.vertex_array(
                 self._programs[program], [_used(layout, self._programs[program])], indices, index_element_size=4
             )
-            for program in ("model", "shadow", "model truth")
+            for program in ("model", "mirrored model", "shadow", "model truth")
         }
         self._models[name] = LoadedModel(arrays, cells, self._context.buffer(reserve=max(cells.rows[0].nbytes, 20)))
 
@@ -402,69 +321,75 @@ class Renderer:
 
     # Pictures
 
-    def colour(self, shots: Sequence[Shot], lens: Lens, response: ImageResponse) -> NDArray[uint8]:
+    def colour(self, shots: Sequence[Shot], lens: Lens, exposure: float) -> NDArray[uint8]:
         """Return an image, (H, W, 3), sRGB: the mean of the shots of each row."""
         with self._context:  # several renderers may exist
-            return self._image(shots, lens, response)
+            return self._image(shots, lens, exposure)
 
-    def _image(self, shots: Sequence[Shot], lens: Lens, response: ImageResponse) -> NDArray[uint8]:
+    def _image(self, shots: Sequence[Shot], lens: Lens, exposure: float) -> NDArray[uint8]:
         target = self._target(lens)
-        target.image.clear()
-        for rows, group in groupby(shots, lambda shot: shot.rows):
+        image = np.zeros((lens.height_px, lens.width_px, 3), uint8)
+        for rows, group in groupby(shots, lambda shot: shot.rows or (0, lens.height_px)):
             together = list(group)
-            for number, face in enumerate(target.faces):
-                for turn, shot in enumerate(together):
-                    self._draw(target, face, shot, response.exposure)
-                    if len(together) > 1:
-                        self._add_up(target, shot.share, first=turn == 0)
-                self._through_lens(target, number, face, response, rows, summed=len(together) > 1)
-        pixels = np.frombuffer(target.image.read(components=3, alignment=1), uint8)
-        return pixels.reshape(lens.height_px, lens.width_px, 3)
+            for face in target.faces:
+                drawn_rows = rows if face.pixels is None else (0, face.size_px[1])
+                pictures = (self._draw(target, face, shot, drawn_rows, exposure) for shot in together)
+                face.seen(_mean(pictures, [shot.share for shot in together]), rows, image)
+        return image
 
-    def _draw(self, target: Target, face: ViewFace, shot: Shot, exposure: float) -> None:
-        """Draw the light of one instant on a face into `target.drawn`."""
-        context, view, world = self._context, shot.view, shot.world
+    def _draw(
+        self, target: Target, face: ViewFace, shot: Shot, rows: tuple[int, int], exposure: float
+    ) -> NDArray[uint8]:
+        """Return some rows of a face at one instant, (R, w, 3)."""
+        context, view, world, width = self._context, shot.view, shot.world, face.size_px[0]
         self._set_light(world, exposure)
         self._draw_sky_map(world, exposure)
         self._set_sea(view, world)
         self._ripples.use(3)
         self._draw_shadows(view, world)
-        self._draw_foam(view, world)
         rotation = view.rot_ned_optical @ face.rot_optical_face
         to_clip = _projection(face.tangent) @ _homogeneous(rotation.T)
+        foam = self._draw_foam(view, world, to_clip)
         self._draw_mirrored(target, to_clip, view, world)
-        frame = target.several
-        frame.use()
-        if shot.rows is not None and face.places is None:
-            frame.scissor = 0, shot.rows[0], face.size_px[0], shot.rows[1] - shot.rows[0]
-        frame.clear(depth=1.0)
-        context.enable_only(context.NOTHING)
-        self._write("sky", rot_ned_view=rotation, tangent=face.tangent)
-        self._screens["sky"].render(vertices=3)
+        place = 0, rows[0], width, rows[1] - rows[0]
+        target.depth.clear(depth=1.0)  # the other buffers are written where they are read
+        target.shaped.scissor = place
+        target.shaped.use()
         context.enable_only(context.DEPTH_TEST)
+        self._draw_water("water shape", to_clip, rotation, face, view, world)
+        frame = target.colour
+        frame.scissor = place
+        # The light of the water, where its shape is nearer than the screen, which is as far away as possible
+        frame.depth_mask = False
+        frame.use()
+        context.depth_func = ">"
+        target.shape.use(6)
+        self._draw_screen("water with foam" if foam else "water", rotation, face)
+        frame.depth_mask = True
+        frame.use()
+        context.depth_func = "<"
         self._draw_models("model", to_clip, view, world.placed, px_per_rad=target.lens.focal_px)
-        self._draw_water("water", to_clip, rotation, face, view, world)
-        frame.scissor = None
-        if self._samples > 1:
-            context.copy_framebuffer(target.colour, frame)
+        context.depth_func = "<="
+        self._draw_screen("sky", rotation, face)
+        context.depth_func = "<"
+        target.shaped.scissor = frame.scissor = None
+        raw = np.frombuffer(frame.read(place, components=4), uint8)  # three components take longer
+        return np.asarray(cv2.cvtColor(raw.reshape(rows[1] - rows[0], width, 4), cv2.COLOR_RGBA2RGB), uint8)
 
-    def _add_up(self, target: Target, share: float, first: bool) -> None:
-        """Add `target.drawn` to `target.sum`."""
-        context = self._context
-        target.total.use()
-        if first:
-            target.total.clear()
-        context.enable_only(context.BLEND)
-        context.blend_func = context.ONE, context.ONE
-        target.drawn.use(6)
-        self._write("sum", share=share)
-        self._screens["sum"].render(vertices=3)
-
-    def numbers(self, lens: Lens) -> NDArray[float32]:
-        """Return the numbers of the objects in the latest image of an ideal lens, of one shot, (H, W)."""
+    def numbers(self, lens: Lens) -> NDArray[uint16] | None:
+        """Return the numbers of the objects in the latest image, of one shot, (H, W); None for a lens of many faces."""
+        target = self._target(lens)
+        if len(target.faces) > 1:
+            return None
+        (face,) = target.faces
         with self._context:
-            raw = np.frombuffer(self._target(lens).numbers.read(), float32)
-        return raw.reshape(lens.height_px, lens.width_px)
+            raw = np.frombuffer(target.colour.read(components=1, attachment=1, dtype="u2", alignment=1), uint16)
+        drawn = raw.reshape(face.size_px[1], face.size_px[0])
+        if face.pixels is None:
+            return drawn
+        result = np.full((lens.height_px, lens.width_px), SKY_ID, uint16)
+        result[face.pixels.here] = drawn[face.pixels.nearest]
+        return result
 
     def measure(self, view: Viewpoint, lens: Lens, world: DrawnWorld) -> NDArray[float32]:
         """Return number of the object, metres along the optical axis and °C of each pixel, (H, W, 3)."""
@@ -487,38 +412,34 @@ class Renderer:
             self._draw_water("water truth", to_clip, rotation, face, view, world)
             raw = np.frombuffer(target.measured.read(components=4, dtype="f4"), float32)
             measured = raw.reshape(face.size_px[1], face.size_px[0], 4)[..., :3]
-            if face.places is None:
+            if face.pixels is None:
                 return measured.copy()
-            here = face.places[..., 0] >= 0.0
-            place = face.places[here] * np.array(face.size_px)
-            column, row = np.clip(place.astype(int), 0, np.array(face.size_px) - 1).T
-            found = measured[row, column].copy()
-            along = np.einsum("ij,nj->ni", face.rot_optical_face.T, lens.all_directions()[here])[:, 2]
-            found[:, 1] *= lens.all_directions()[here][:, 2] / along
-            result[here] = found
+            seen = measured[face.pixels.nearest]
+            seen[:, 1] *= face.pixels.depth
+            result[face.pixels.here] = seen
         return result
 
     # Parts
 
-    def _program(self, vertex: str, fragment: str) -> Any:
+    def _program(self, vertex: str, fragment: str, *defined: str) -> Any:
         folder = files(__package__) / "shaders"
         common = (folder / "common.glsl").read_text()
         sources = [
-            f"#version 330\n#define TILE_M {RIPPLE_M}\n" + common + (folder / name).read_text()
-            for name in (vertex, fragment)
+            "\n".join(("#version 330", f"#define TILE_M {RIPPLE_M}", *(f"#define {name}" for name in defined), common))
+            + (folder / file).read_text()
+            for file in (vertex, fragment)
         ]
         program = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
         if "Light" in program:
             program["Light"].binding = 0
-        units = {"sky_map": 0, "shadow_map": 1, "components": 2, "ripples": 3, "mirrored": 4, "foam_map": 5, "drawn": 6}
-        for sampler, unit in {**units, "source_of": 7, "grain": 8, "sky_values": 9}.items():
+        for unit, sampler in enumerate(SAMPLERS):
             if sampler in program:
                 program[sampler].value = unit
         return program
 
     def _write(self, program: str, **values: Any) -> None:
         """Set the uniforms that a program has; matrices are given row by row."""
-        uniforms = self._programs[program]
+        uniforms = self._uniforms[program]
         for name, value in values.items():
             if name in uniforms:
                 array = np.asarray(value)
@@ -529,20 +450,27 @@ class Renderer:
 
     def _target(self, lens: Lens) -> Target:
         if lens not in self._targets:
-            self._targets[lens] = Target(self._context, lens, self._samples)
+            self._targets[lens] = Target(self._context, lens)
         return self._targets[lens]
 
     def _set_light(self, world: DrawnWorld, exposure: float) -> None:
         light, wind = world.light, float(np.hypot(*world.wind_ne_mps))
         sea_light = light.sky + light.sun * max(-float(light.sun_ned[2]), 0.0)
+        from_water = world.water_colour * sea_light
+        disc = math.exp(-400.0 * world.extinction_per_m) if light.sun[0] > 1e-3 else 0.0
+        variance = _unresolved_variance(world, wind)
+        whitecaps = 3.84e-6 * wind**3.41  # share of the sea (Monahan and O'Muircheartaigh 1980)
+        crests = [1.0 - 3.0 * whitecaps, 1.0 / (1.5 * whitecaps)] if whitecaps > FEWEST_WHITECAPS else [2.0, 1.0]
         values = np.array(
             [
                 [*light.sun_ned, math.cos(SUN_RADIUS_RAD)],
-                [*light.sun, 0.0],
+                [*light.sun, disc],
                 [*light.sky, world.extinction_per_m],
-                [*(world.water_colour * sea_light + 0.06 * light.sky), exposure],
+                [*(from_water + 0.06 * light.sky), exposure],
                 [*light.horizon, world.time_s],
-                [*world.water_colour, _unresolved_variance(world, wind)],
+                [*from_water, variance],
+                [*(0.75 * sea_light), math.sqrt(0.5 * variance)],
+                [1.0 / (0.1 + 0.02 * wind), *crests, 4.0 / exposure],
             ],
             dtype=float32,
         )
@@ -569,7 +497,7 @@ class Renderer:
             )
             self._screens["sky map"].render(vertices=3)
         self._sky_map.use(0)
-        self._sky_values.use(9)
+        self._sky_values.use(7)
 
     def _set_sea(self, view: Viewpoint, world: DrawnWorld) -> None:
         """Load the components with their phases at the camera, those with the most height first."""
@@ -584,12 +512,15 @@ class Renderer:
             rows[:count, 3] = waves.amplitude_m[order]
         self._components.write(rows.tobytes())
         self._components.use(2)
-        for program in ("water", "water truth"):
+        wind = float(np.hypot(*world.wind_ne_mps))
+        toward = world.wind_ne_mps / wind if wind > 0.0 else np.zeros(2)
+        for program in ("water", "water with foam", "water shape", "water truth"):
             self._write(
                 program,
                 count=count,
                 water_at=[0.0, 0.0, world.water_down_m - view.pos_ned_m[2]],
                 origin_ne=np.remainder(view.pos_ned_m[:2], RIPPLE_M),
+                drift=np.remainder(0.25 * toward * world.time_s, RIPPLE_M),
                 water_id=float(SEA_ID),
                 water_temperature=WATER_C,
             )
@@ -606,7 +537,8 @@ class Renderer:
         if wanted == self._shadow_of:
             to_map = self._to_shadow.copy()
             to_map[:3, 3] += to_map[:3, :3] @ (view.pos_ned_m - middle_m)
-            self._write("model", to_shadow=to_map)
+            for program in ("model", "mirrored model"):
+                self._write(program, to_shadow=to_map)
             return
         self._shadow_of = wanted
         across = np.cross(sun, [0.0, 0.0, 1.0])
@@ -626,14 +558,18 @@ class Renderer:
         self._to_shadow[2, 3] += 0.5
         self._draw_shadows(view, world)
 
-    def _draw_foam(self, view: Viewpoint, world: DrawnWorld) -> None:
+    def _draw_foam(self, view: Viewpoint, world: DrawnWorld, to_clip: Array) -> bool:
+        """Draw the map of foam. Return whether the picture may show some."""
+        trails = [trail for trail in world.foam if _foam_in_sight(trail, view, world, to_clip)]
+        if not trails:
+            return False
         self._foam_frame.use()
         self._foam_frame.clear()
         self._context.enable_only(self._context.BLEND)
         self._context.blend_func = self._context.ONE, self._context.ONE
         corner = [-0.5 * FOAM_M, -0.5 * FOAM_M, FOAM_M]
         self._write("foam", foam_frame=corner)
-        for trail in world.foam:
+        for trail in trails:
             rows = np.empty((2 * len(trail.share), 3), float32)
             rows[0::2, :2], rows[1::2, :2] = trail.left_ne_m - view.pos_ned_m[:2], trail.right_ne_m - view.pos_ned_m[:2]
             rows[:, 2] = np.repeat(trail.share, 2)
@@ -643,7 +579,8 @@ class Renderer:
             strip.release()
             buffer.release()
         self._foam.use(5)
-        self._write("water", foam_frame=corner)  # its edge has no foam, so that there is none beyond
+        self._write("water with foam", foam_frame=corner)  # its edge has no foam, so that there is none beyond
+        return True
 
     def _draw_mirrored(self, target: Target, to_clip: Array, view: Viewpoint, world: DrawnWorld) -> None:
         still_m = world.water_down_m - view.pos_ned_m[2]
@@ -653,12 +590,9 @@ class Renderer:
         target.mirror.clear()
         self._context.enable_only(self._context.DEPTH_TEST)
         self._context.enable_direct(0x3000)  # GL_CLIP_DISTANCE0
-        self._write("model", mirrored=True)
-        self._draw_models(
-            "model", to_clip @ flip, view, world.placed, (0.0, 0.0, -1.0, still_m + 0.02), target.lens.focal_px / 4.0
-        )
+        above = 0.0, 0.0, -1.0, still_m + 0.02
+        self._draw_models("mirrored model", to_clip @ flip, view, world.placed, above, target.lens.focal_px / 4.0)
         self._context.disable_direct(0x3000)
-        self._write("model", mirrored=False)
         target.mirrored.use(4)
 
     def _draw_models(
@@ -686,12 +620,10 @@ class Renderer:
         self, program: str, to_clip: Array, rotation: Array, face: ViewFace, view: Viewpoint, world: DrawnWorld
     ) -> None:
         """Draw a fan of rings over the directions that the face sees."""
-        height_m = abs(world.water_down_m - view.pos_ned_m[2])
-        vertices, indices = fan(rotation, face.tangent, height_m)
-        wind = float(np.hypot(*world.wind_ne_mps))
-        toward = world.wind_ne_mps / wind if wind > 0.0 else np.zeros(2)
-        whitecaps = 3.84e-6 * wind**3.41  # share of the sea (Monahan and O'Muircheartaigh 1980)
-        self._write(program, to_clip=to_clip, per_px=1.0 / np.array(face.size_px), wind=[*toward, wind, whitecaps])
+        height_m = world.water_down_m - view.pos_ned_m[2]
+        crest_m = float(np.sum(world.waves.amplitude_m)) if isinstance(world.waves, WaveField) else 0.0
+        vertices, indices = fan(rotation, face, abs(height_m), crest_m)
+        self._write(program, to_clip=to_clip)
         points, order = self._context.buffer(vertices.tobytes()), self._context.buffer(indices.tobytes())
         layout = (points, "2f 2f", "in_bearing", "in_ring")
         water = self._context.vertex_array(self._programs[program], [layout], order, index_element_size=4)
@@ -699,42 +631,18 @@ class Renderer:
         for used in (water, points, order):
             used.release()
 
-    def _through_lens(
-        self,
-        target: Target,
-        number: int,
-        face: ViewFace,
-        response: ImageResponse,
-        rows: tuple[int, int] | None,
-        summed: bool,
-    ) -> None:
-        """Write the pixels of a face, in some rows, into the image. number: of the face."""
-        context, lens = self._context, target.lens
-        target.image.use()
-        target.image.scissor = None if rows is None else (0, rows[0], lens.width_px, rows[1] - rows[0])
-        context.enable_only(context.NOTHING)
-        (target.sum if summed else target.drawn).use(6)
-        self._grain.use(8)
-        if face.places is not None:
-            key = lens, number
-            if key not in self._sources:
-                places = np.zeros((lens.height_px, lens.width_px, 2), float32)
-                places[:] = face.places
-                source = context.texture((lens.width_px, lens.height_px), 2, places.tobytes(), dtype="f4")
-                source.filter = (context.NEAREST, context.NEAREST)
-                self._sources[key] = source
-            self._sources[key].use(7)
-        self._write(
-            "lens",
-            ideal=face.places is None,
-            summed=summed,
-            vignetting=response.vignetting,
-            noise=(response.read_noise, response.shot_noise),
-            grain_at=response.grain_at,
-            picture_px=(lens.width_px, lens.height_px),
-        )
-        self._screens["lens"].render(vertices=3)
-        target.image.scissor = None
+    def _draw_screen(self, program: str, rotation: Array, face: ViewFace) -> None:
+        """Draw all pixels of a face that the depth test permits."""
+        self._write(program, rot_ned_view=rotation, tangent=face.tangent)
+        self._screens[program].render(vertices=3)
+
+
+def _mean(pictures: Iterable[NDArray[uint8]], shares: Sequence[float]) -> NDArray[uint8]:
+    """Return the weighted mean of the light of pictures; the square of a value is nearly its light."""
+    if len(shares) == 1:
+        return next(iter(pictures))
+    light = sum(share * picture.astype(float32) ** 2 for share, picture in zip(shares, pictures, strict=True))
+    return np.rint(np.sqrt(light)).astype(uint8)
 
 
 def _used(layout: tuple[Any, ...], program: Any) -> tuple[Any, ...]:
@@ -746,6 +654,17 @@ def _used(layout: tuple[Any, ...], program: Any) -> tuple[Any, ...]:
         for part, name in zip(parts, names, strict=True)
     ]
     return buffer, " ".join(part for part, _ in kept), *(name for _, name in kept if name is not None)
+
+
+def _foam_in_sight(trail: FoamTrail, view: Viewpoint, world: DrawnWorld, to_clip: Array) -> bool:
+    """Whether a picture may show foam: some of its ends are not all beyond one side of the picture."""
+    seen = trail.share > LEAST_FOAM
+    ends = np.concatenate([trail.left_ne_m[seen], trail.right_ne_m[seen]]) - view.pos_ned_m[:2]
+    if not len(ends):
+        return False
+    down = np.full((len(ends), 1), world.water_down_m - view.pos_ned_m[2])
+    x, y, _, w = to_clip @ np.hstack([ends, down, np.ones_like(down)]).T
+    return not any(side.all() for side in (x > w, x < -w, y > w, y < -w))
 
 
 def _projection(tangent: tuple[float, float]) -> Array:
@@ -765,36 +684,78 @@ def _homogeneous(rotation: Array) -> Array:
 
 
 def fan(
-    rot_ned_face: Array, tangent: tuple[float, float], height_m: float
+    rot_ned_face: Array, face: ViewFace, height_m: float, crest_m: float
 ) -> tuple[NDArray[float32], NDArray[np.uint32]]:
     """Return vertices (V, 4) and indices of rings about the camera: unit bearing, radius, distance to the next ring.
 
-    It covers the directions that a face sees. Near rings are as far apart as a pixel sees them, far ones grow in
-    proportion to their radius.
+    It covers the directions that a face sees, for water up to `crest_m` above and below its still surface.
     """
-    corners = np.array([[x * tangent[0], y * tangent[1], 1.0] for x in (-1, 0, 1) for y in (-1, 0, 1)]) @ rot_ned_face.T
+    rays = GRID * [*face.tangent, 1.0] @ rot_ned_face.T
     forward = rot_ned_face[:, 2]
-    half_view = math.atan(math.hypot(*tangent))
+    half_view = math.atan(math.hypot(*face.tangent))
     tilt = abs(math.asin(float(np.clip(forward[2], -1.0, 1.0))))
-    steep = tilt + half_view > 0.45 * math.pi
-    if steep:
-        first, last = -math.pi, math.pi
+    slopes = rays[:, 2] / np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-9)
+    far_m = 0.9 * FAR_M if slopes.min() <= 0.0 else 1.1 * (height_m + crest_m) / float(slopes.min())
+    if tilt + half_view > 0.45 * math.pi:
+        near_m, first, last = 0.0, -math.pi, math.pi
     else:
+        near_m = 0.9 * max(height_m - crest_m, 0.0) / max(float(slopes.max()), 1e-3)
         middle = math.atan2(forward[1], forward[0])
-        offsets = np.angle(np.exp(1j * (np.arctan2(corners[:, 1], corners[:, 0]) - middle)))
+        offsets = np.angle(np.exp(1j * (np.arctan2(rays[:, 1], rays[:, 0]) - middle)))
         first, last = middle + offsets.min() - 0.05, middle + offsets.max() + 0.05
-    sectors = max(math.ceil((last - first) / math.radians(1.0)), 8)
-    bearing = np.linspace(first, last, sectors + 1)
-    near_m = np.geomspace(max(0.15 * height_m, 0.05), NEAR_SEA_M, RINGS)
-    radius = np.concatenate([[0.0], near_m, [3_000.0, 0.9 * FAR_M]])
+    radius, fine = _rings(near_m, far_m, height_m, 0.5 * face.size_px[0] / face.tangent[0])
+    pairs = max(math.ceil(0.5 * (last - first) / SECTOR_RAD), 4)
+    bearing = np.linspace(first, last, 2 * pairs + 1)
     gap = np.diff(radius, append=radius[-1] * 1.1)
-    vertices = np.empty((len(radius), len(bearing), 4), float32)
-    vertices[..., 0], vertices[..., 1] = np.cos(bearing), np.sin(bearing)
-    vertices[..., 2], vertices[..., 3] = radius[:, None], gap[:, None]
-    row = len(bearing)
-    low = (np.arange(len(radius) - 1)[:, None] * row + np.arange(sectors)).ravel()
-    quads = np.column_stack([low, low + 1, low + row, low + 1, low + row + 1, low + row])
-    return vertices.reshape(-1, 4), quads.ravel().astype(np.uint32)
+    place = np.empty((len(radius), len(bearing), 4), float32)
+    place[..., 0], place[..., 1] = np.cos(bearing), np.sin(bearing)
+    place[..., 2], place[..., 3] = radius[:, None], gap[:, None]
+    # Far rings have half as many sectors; one row of triangles joins them to the near rings.
+    vertices = np.concatenate([place[:fine].reshape(-1, 4), place[fine:, ::2].reshape(-1, 4)])
+    begun, row = fine * len(bearing), np.arange(pairs)
+    last_near = begun - len(bearing) + 2 * row
+    near_outer = begun + row
+    joint = [
+        (last_near, last_near + 1, near_outer),
+        (last_near + 1, near_outer + 1, near_outer),
+        (last_near + 1, last_near + 2, near_outer + 1),
+    ]
+    triangles = [
+        *_quads(0, fine, len(bearing)),
+        *(np.column_stack(three) for three in joint),
+        *_quads(begun, len(radius) - fine, pairs + 1),
+    ]
+    return vertices, np.concatenate(triangles).ravel().astype(np.uint32)
+
+
+def _rings(near_m: float, far_m: float, height_m: float, px_per_rad: float) -> tuple[Array, int]:
+    """Return the radii of rings, and how many of them are so near that a pixel separates them well.
+
+    Near gaps are in proportion to the radius, farther ones to its square, as pixels see it, the farthest again to the
+    radius.
+    """
+    start_m, end_m = max(near_m, 0.15 * height_m, 0.05), min(far_m, NEAR_SEA_M)
+    turns_m = np.array([NEAREST_GAP, FARTHEST_GAP]) * px_per_rad * max(height_m, 0.05) / GAP_PX
+    near_end_m, middle_end_m = np.clip(turns_m, start_m, max(start_m, end_m)).tolist()
+    near = np.geomspace(start_m, near_end_m, _count(math.log(near_end_m / start_m), math.log1p(NEAREST_GAP)))
+    inverse = 1.0 / near_end_m, 1.0 / middle_end_m
+    middle = 1.0 / np.linspace(*inverse, _count(inverse[0] - inverse[1], NEAREST_GAP / turns_m[0]))
+    end_m = max(end_m, middle_end_m)
+    far = np.geomspace(middle_end_m, end_m, _count(math.log(end_m / middle_end_m), math.log1p(FARTHEST_GAP)))
+    first = [] if near_m > 0.0 else [0.0]
+    last = [2.0 * end_m, max(0.9 * FAR_M, 3.0 * end_m)] if far_m > NEAR_SEA_M else [1.2 * end_m]
+    return np.concatenate([first, near, middle[1:], far[1:], last]), len(first) + len(near)
+
+
+def _count(length: float, step: float) -> int:
+    """Return how many points divide a length into steps."""
+    return math.ceil(length / step) + 1
+
+
+def _quads(begun: int, rings: int, across: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the triangles between rings of so many vertices: (T, 3) indices, twice."""
+    low = (begun + np.arange(rings - 1)[:, None] * across + np.arange(across - 1)).ravel()
+    return np.column_stack([low, low + 1, low + across]), np.column_stack([low + 1, low + across + 1, low + across])
 
 
 def _unresolved_variance(world: DrawnWorld, wind_mps: float) -> float:
@@ -807,12 +768,6 @@ def _unresolved_variance(world: DrawnWorld, wind_mps: float) -> float:
         waves = world.waves
         total -= 0.5 * float(np.sum((waves.amplitude_m * np.hypot(*waves.wave_vector_radpm.T)) ** 2))
     return max(total, 0.002)
-
-
-def _grain(rng: Generator) -> NDArray[uint8]:
-    """Return normal numbers, as the shader of the lens decodes them."""
-    values = rng.standard_normal((GRAIN_PX, GRAIN_PX, 4))
-    return np.clip(np.rint(255.0 * (values + 3.0) / 6.0), 0, 255).astype(uint8)
 
 
 def _ripples(rng: Generator) -> NDArray[uint8]:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy import float32, uint8, uint16
 from numpy.typing import NDArray
@@ -19,9 +20,10 @@ from sim_core.frames import Array
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from xitl_cli.plugins.cameras.detector import Detector
+from xitl_cli.plugins.cameras.image_sensor import ImageResponse, ImageSensor
 from xitl_cli.plugins.cameras.images import CameraImage, ObjectClass, SeenObject
 from xitl_cli.plugins.cameras.models import TriangleModel, WorldObject
-from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, ImageResponse, Renderer, Shot
+from xitl_cli.plugins.cameras.renderer import SEA_ID, SKY_ID, Renderer, Shot
 from xitl_cli.registry import DETECTORS, guarded, load
 
 THERMAL_NOISE_C = 0.05
@@ -56,13 +58,23 @@ class Commission:
     middle: Shot
     """At the time stamp, for ground truth, depth, segmentation and thermal images."""
     response: ImageResponse
-    objects: tuple[tuple[str, int], ...]
-    """TriangleModel and number of the first object of each placed model."""
     noise_seed: int = 0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawing:
+    """An image before its noise, its truth and its encoding."""
+
+    pixels: NDArray[Any]
+    numbers: NDArray[uint16] | None
+    """Objects, (H, W), of a camera with truth."""
+
+
 class Studio:
-    """Takes images with the cameras of one vessel. models: by name, for the renderer. still: those that never move."""
+    """Takes images with the cameras of one vessel. models: by name, for the renderer. still: those that never move.
+
+    `draw` needs the thread that created the studio. Another thread may call `develop` at the same time.
+    """
 
     def __init__(
         self, cameras: Sequence[CameraSpec], models: Mapping[str, TriangleModel], still: Collection[str] = ()
@@ -76,8 +88,9 @@ class Studio:
             for camera in cameras
             if camera.detector is not None
         }
+        self._sensors = {camera.name: ImageSensor(camera.width_px, camera.height_px) for camera in cameras}
         self._models = dict(models)
-        self._renderer = Renderer(models, still, samples=1)
+        self._renderer = Renderer(models, still)
 
     @property
     def device(self) -> str:
@@ -93,28 +106,25 @@ class Studio:
         """Release the renderer."""
         self._renderer.close()
 
-    def take(self, wanted: Commission) -> CameraImage:
-        """Return an image. Raises PluginError when the detector of a package fails."""
-        camera, lens = self._cameras[wanted.camera], self._lenses[wanted.camera]
-        view = wanted.middle.view
-        objects = instances = numbers = None
-        pixels: NDArray[Any]
+    def draw(self, wanted: Commission) -> Drawing:
+        """Draw an image."""
+        camera, lens, middle = self._cameras[wanted.camera], self._lenses[wanted.camera], wanted.middle
+        if camera.kind != "colour":
+            measured = self._renderer.measure(middle.view, lens, middle.world)
+            return Drawing(self._value(camera.kind, measured, wanted), measured[..., 0].astype(uint16))
+        pixels = self._renderer.colour(wanted.shots, lens, wanted.response.exposure)
+        numbers = self._renderer.numbers(lens) if camera.truth and len(wanted.shots) == 1 else None
+        if camera.truth and numbers is None:
+            numbers = self._renderer.measure(middle.view, lens, middle.world)[..., 0].astype(uint16)
+        return Drawing(pixels, numbers)
+
+    def develop(self, wanted: Commission, drawing: Drawing) -> CameraImage:
+        """Return the image of a drawing. Raises PluginError when the detector of a package fails."""
+        camera, lens, view = self._cameras[wanted.camera], self._lenses[wanted.camera], wanted.middle.view
+        pixels, numbers = drawing.pixels, drawing.numbers
         if camera.kind == "colour":
-            pixels = self._renderer.colour(wanted.shots, lens, wanted.response)
-            if camera.truth and lens.is_ideal and len(wanted.shots) == 1:
-                numbers = self._renderer.numbers(lens)
-            elif camera.truth:
-                numbers = self._renderer.measure(view, lens, wanted.middle.world)[..., 0]
-        else:
-            measured = self._renderer.measure(view, lens, wanted.middle.world)
-            pixels, numbers = self._value(camera.kind, measured, wanted), measured[..., 0]
-        if camera.truth and numbers is not None:
-            known = [
-                (first + number, model, seen)
-                for model, first in wanted.objects
-                for number, seen in enumerate(self._models[model].objects)
-            ]
-            objects, instances = seen_objects(numbers, known, wanted.middle)
+            pixels = self._sensors[camera.name].expose(pixels, wanted.response)
+        known = {placed.model: self._models[placed.model].objects for placed in wanted.middle.world.placed}
         detector, name = self._detectors.get(camera.name), camera.detector or ""
         return CameraImage(
             camera=camera.name,
@@ -125,8 +135,7 @@ class Studio:
             lens=lens,
             pos_ned_m=view.pos_ned_m,
             rot_ned_optical=view.rot_ned_optical,
-            objects=objects or (),
-            instances=instances,
+            objects=seen_objects(numbers, known, wanted.middle) if camera.truth and numbers is not None else (),
             horizon_px=horizon_px(lens, view.rot_ned_optical) if camera.truth else None,
             detections=() if detector is None else tuple(guarded(DETECTORS, name, detector.detect, pixels)),
             encoded=encoded(camera.kind, pixels, camera.quality),
@@ -141,10 +150,10 @@ class Studio:
             return np.rint(100.0 * (noisy + KELVIN)).astype(uint16)
         class_of = np.full(SKY_ID + 1, ObjectClass.OTHER, uint8)
         class_of[SKY_ID], class_of[SEA_ID] = ObjectClass.SKY, ObjectClass.WATER
-        for model, first in wanted.objects:
-            for number, seen in enumerate(self._models[model].objects):
-                class_of[first + number] = seen.kind
-        return class_of[measured[..., 0].astype(np.int64)]
+        for placed in wanted.middle.world.placed:
+            for number, seen in enumerate(self._models[placed.model].objects):
+                class_of[placed.first_id + number] = seen.kind
+        return class_of[measured[..., 0].astype(uint16)]
 
 
 def lens_of(camera: CameraSpec) -> Lens:
@@ -153,48 +162,68 @@ def lens_of(camera: CameraSpec) -> Lens:
 
 
 def seen_objects(
-    picture: NDArray[float32], known: Sequence[tuple[int, str, WorldObject]], shot: Shot
-) -> tuple[tuple[SeenObject, ...], NDArray[uint16]]:
-    """Return the visible objects, and (H, W) 1 + index in them of each pixel, 0 for water and sky.
+    picture: NDArray[uint16], known: Mapping[str, Sequence[WorldObject]], shot: Shot
+) -> tuple[SeenObject, ...]:
+    """Return the visible objects.
 
-    picture: (H, W) numbers of the renderer. known: number, model and object.
+    picture: (H, W) numbers of the renderer. known: objects by model.
     """
-    numbers = picture.astype(np.int64)
-    place = np.flatnonzero(numbers.ravel() < SEA_ID)
-    found, index, counts = np.unique(numbers.ravel()[place], return_inverse=True, return_counts=True)
-    row, column = np.divmod(place, picture.shape[1])
-    low, high = np.full((len(found), 2), 1 << 30), np.full((len(found), 2), -1)
-    for axis, values in enumerate((column, row)):
-        np.minimum.at(low[:, axis], index, values)
-        np.maximum.at(high[:, axis], index, values)
-    placed = {one.model: one for one in shot.world.placed}
-    of_number = {number: (model, seen) for number, model, seen in known}
-    instances = np.zeros(picture.shape, uint16)
-    instances.ravel()[place] = index + 1
+    runs = _Runs.of(picture)
     result: list[SeenObject] = []
-    turns: list[Array] = []
-    for number, count, first, last in zip(found.tolist(), counts.tolist(), low.tolist(), high.tolist(), strict=True):
-        model, seen = of_number[number]
-        at = placed[model]
-        to_optical = shot.view.rot_ned_optical.T
-        centre = to_optical @ (at.pos_ned_m + at.rot_ned_model @ np.array(seen.centre_m) - shot.view.pos_ned_m)
-        turns.append(to_optical @ at.rot_ned_model @ seen.rot_model_box)
-        x, y, z = centre.tolist()
-        result.append(
-            SeenObject(
-                name=seen.name,
-                kind=seen.kind,
-                box_px=(first[0] - 0.5, first[1] - 0.5, last[0] + 0.5, last[1] + 0.5),
-                pixels=count,
-                distance_m=float(np.linalg.norm(centre)),
-                centre_optical_m=(x, y, z),
-                quat_optical_box=(1.0, 0.0, 0.0, 0.0),
-                size_m=seen.size_m,
+    for placed in shot.world.placed:
+        objects = known[placed.model]
+        mine = slice(*np.searchsorted(runs.number, [placed.first_id, placed.first_id + len(objects)]))
+        if mine.start == mine.stop:
+            continue
+        seen = [objects[number - placed.first_id] for number in runs.number[mine].tolist()]
+        to_optical = shot.view.rot_ned_optical.T @ placed.rot_ned_model
+        at_m = shot.view.rot_ned_optical.T @ (placed.pos_ned_m - shot.view.pos_ned_m)
+        centres = np.array([one.centre_m for one in seen]) @ to_optical.T + at_m
+        quats = frames.matrix_to_quat(to_optical @ np.array([one.rot_model_box for one in seen]))
+        result += [
+            SeenObject(one.name, one.kind, tuple(box), pixels, distance_m, tuple(centre), tuple(quat), one.size_m)
+            for one, box, pixels, distance_m, centre, quat in zip(
+                seen,
+                runs.box_px[mine].tolist(),
+                runs.pixels[mine].tolist(),
+                np.linalg.norm(centres, axis=1).tolist(),
+                centres.tolist(),
+                quats.tolist(),
+                strict=True,
             )
-        )
-    quats = frames.matrix_to_quat(np.array(turns)).tolist() if turns else []
-    turned = (replace(one, quat_optical_box=tuple(quat)) for one, quat in zip(result, quats, strict=True))
-    return tuple(turned), instances
+        ]
+    return tuple(result)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Runs:
+    """Pixels and box of each number in a picture, from runs of equal pixels along its rows."""
+
+    number: NDArray[np.intp]
+    """(N,) in order, without water and sky."""
+    pixels: NDArray[np.intp]
+    box_px: Array
+    """(N, 4)."""
+
+    @classmethod
+    def of(cls, picture: NDArray[uint16]) -> _Runs:
+        """Return the numbers of a picture (H, W)."""
+        changes = np.ones(picture.shape, bool)
+        np.not_equal(picture[:, 1:], picture[:, :-1], out=changes[:, 1:])
+        first = np.flatnonzero(changes)
+        last = np.append(first[1:], picture.size) - 1
+        number = picture.ravel()[first].astype(np.intp)
+        afloat = number < SEA_ID
+        row, left = np.divmod(first[afloat], picture.shape[1])
+        right = last[afloat] - row * picture.shape[1]
+        found, index = np.unique(number[afloat], return_inverse=True)
+        box = np.tile([np.inf, np.inf, -np.inf, -np.inf], (len(found), 1))
+        for edge, values in enumerate((left, row)):
+            np.minimum.at(box[:, edge], index, values - 0.5)
+        for edge, values in enumerate((right, row), start=2):
+            np.maximum.at(box[:, edge], index, values + 0.5)
+        pixels = np.bincount(index, weights=right - left + 1, minlength=len(found)).astype(np.intp)
+        return cls(found, pixels, box)
 
 
 def horizon_px(lens: Lens, rot_ned_optical: np.ndarray[Any, Any]) -> tuple[float, float] | None:
@@ -216,11 +245,11 @@ def encoded(kind: str, pixels: NDArray[Any], quality: int) -> bytes:
 
     if kind == "depth":
         return b""
-    image, out = Image.fromarray(pixels), io.BytesIO()
     if kind == "colour":
-        image.save(out, "JPEG", quality=quality)
-    else:
-        if kind == "segmentation":
-            image.putpalette([part for name in ObjectClass for part in PALETTE[name]])
-        image.save(out, "PNG", compress_level=1)
+        bgr = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+        return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+    image, out = Image.fromarray(pixels), io.BytesIO()
+    if kind == "segmentation":
+        image.putpalette([part for name in ObjectClass for part in PALETTE[name]])
+    image.save(out, "PNG", compress_level=1)
     return out.getvalue()

@@ -55,8 +55,6 @@ def make_image(spec: CameraSpec, number: int, noise: int = 0) -> CameraImage:
     else:
         pixels = np.full((height, width), 29_315, np.uint16)
         pixels[20:40, 10:50] = 31_315
-    instances = np.zeros((height, width), np.uint16)
-    instances[20:40, 10:50] = 1
     return CameraImage(
         camera=spec.name,
         kind=spec.kind,
@@ -67,7 +65,6 @@ def make_image(spec: CameraSpec, number: int, noise: int = 0) -> CameraImage:
         pos_ned_m=np.array([1.0, 2.0, -1.5]),
         rot_ned_optical=np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
         objects=(VESSEL, BUOY, OWN),
-        instances=instances,
         horizon_px=(10.0, 12.0),
         encoded=encoded(spec.kind, pixels, spec.quality),
     )

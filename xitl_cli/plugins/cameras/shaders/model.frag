@@ -3,10 +3,9 @@ uniform sampler2D ripples;    // the third value is noise
 uniform mat4 to_shadow;
 in vec3 position, normal, in_model, normal_in_model;
 in vec4 colour;
-uniform bool mirrored;         // drawn for reflections
 flat in float id;
 layout(location = 0) out vec4 value;
-layout(location = 1) out float number;
+layout(location = 1) out uint number;
 
 float lit(vec3 at) {
     vec4 place = to_shadow * vec4(at, 1.0);
@@ -29,10 +28,16 @@ void main() {
     vec3 around = mix(ground_light.rgb, sky_light.rgb, 0.5 - 0.5 * n.z);
     vec3 light = around + sun_light.rgb * facing * bright;
     vec3 half_way = normalize(sun.xyz - view);
-    float gloss = (1.0 - colour.w) * 0.25 * pow(max(dot(n, half_way), 0.0), 60.0) * bright;
+    float gloss2 = max(dot(n, half_way), 0.0), gloss4, gloss8, gloss16;
+    gloss2 *= gloss2, gloss4 = gloss2 * gloss2, gloss8 = gloss4 * gloss4, gloss16 = gloss8 * gloss8;
+    float gloss = (1.0 - colour.w) * 0.25 * gloss16 * gloss16 * gloss16 * gloss8 * gloss4 * bright;
     // A light is on while the sun is down.
     vec3 shining = colour.w < 0.0 ? colour.rgb * (1.0 - smoothstep(-0.02, 0.02, -sun.z)) : vec3(0.0);
     vec3 radiance = through_air(reflectance * light + gloss * sun_light.rgb + shining, distance_m);
-    value = vec4(mirrored ? packed_light(radiance) : image_value(radiance), 1.0);
-    number = id;
+#ifdef MIRRORED
+    value = vec4(packed_light(radiance), 1.0);
+#else
+    value = vec4(image_value(radiance), 1.0);
+    number = uint(id);
+#endif
 }

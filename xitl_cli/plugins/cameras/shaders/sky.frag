@@ -1,14 +1,12 @@
 uniform sampler2D sky_values; // values of an image, as `sky_map` has radiance
-uniform mat3 rot_ned_view;
-uniform vec2 tangent; // of half the field of view
-in vec2 place;
+in vec3 ray;
 layout(location = 0) out vec4 value;
-layout(location = 1) out float number;
+layout(location = 1) out uint number;
 
 void main() {
-    vec3 direction = rot_ned_view * normalize(vec3((place * 2.0 - 1.0) * tangent, 1.0));
-    vec3 shown = textureLod(sky_values, on_sky_map(direction), 0.0).rgb;
-    float disc = smoothstep(sun.w - 3e-6, sun.w + 3e-6, dot(direction, sun.xyz)) * step(1e-3, sun_light.r);
-    value = vec4(mix(shown, vec3(1.0), disc * exp(-400.0 * sky_light.w)), 1.0);
-    number = 65000.0;
+    float scale = length(ray);
+    vec3 shown = textureLod(sky_values, on_sky_map(ray, scale), 0.0).rgb;
+    float disc = sun_light.w * smoothstep(-3e-6, 3e-6, dot(ray, sun.xyz) - sun.w * scale);
+    value = vec4(mix(shown, vec3(1.0), disc), 1.0);
+    number = 65000u;
 }

@@ -1,45 +1,57 @@
 // Fresnel reflection of sky and objects, glitter of the sun, light from the water, foam.
+uniform sampler2D surface;    // metres along the optical axis, slope north, slope east
 uniform sampler2D ripples;    // (4 + slope north, slope east) / 8 of the waves that are not components, unit variance; noise
 uniform sampler2D mirrored;   // objects, mirrored at the still surface
 uniform sampler2D foam_map;   // share of foam around the camera
-uniform vec2 per_px;          // size of a pixel, the picture is 1 by 1
-uniform vec4 wind;            // direction of the wind as a unit vector, its speed, share of whitecaps
-in vec3 view;
-in vec2 slope, on_map, on_foam;
-in vec4 far;
-in vec3 glitter;
-in vec2 facet;
-in float rise;
-flat in float id;
+uniform vec3 water_at;        // still surface below the camera, relative to it
+uniform vec2 origin_ne;       // position of the camera modulo the tile of the ripples
+uniform vec3 foam_frame;      // corner relative to the camera, and size of the map of foam
+uniform vec2 drift;           // of the ripples
+in vec2 place;
+in vec3 ray;
 layout(location = 0) out vec4 value;
-layout(location = 1) out float number;
+layout(location = 1) out uint number;
 
 void main() {
-    vec2 drift = wind.xy * horizon.w;
-    vec3 fine = texture(ripples, (on_map - 0.25 * drift) * (1.0 / TILE_M)).rgb;
-    vec2 total = slope + sqrt(0.5 * water.w) * far.y * (8.0 * fine.xy - 4.0);
+    vec3 shape = texelFetch(surface, ivec2(gl_FragCoord.xy), 0).xyz;
+    vec3 position = ray * shape.x;
+    float distance_m = length(position), rise = water_at.z - position.z;
+    vec3 view = position / distance_m;
+    // What the pattern of ripples no longer shows, far away, makes the reflection rough.
+    float resolved = min(18.0 / distance_m, 1.0);
+    float rough = 0.0008 + water.w * (1.0 - 0.9 * resolved), root = sqrt(rough);
+    vec3 fine = texture(ripples, (position.xy + origin_ne - drift) * (1.0 / TILE_M)).rgb;
+    vec2 total = shape.yz + foam_light.w * resolved * (8.0 * fine.xy - 4.0);
     vec3 n = vec3(total, -1.0) * (1.0 - 0.5 * dot(total, total)); // a unit vector, to the second order
     float across = dot(n, view);
-    float grazing = clamp(1.0 + across, 0.0, 0.98), grazing2 = grazing * grazing;
-    float fresnel = 0.02 + 0.98 * grazing2 * grazing2 * grazing / (1.0 - 30.0 * (far.w + 0.02));
     vec3 bounced = view - 2.0 * across * n;
-    vec3 reflected = sky(vec3(bounced.xy, min(bounced.z, far.w)));
-    vec2 place = gl_FragCoord.xy * per_px;
+    vec3 reflected = sky(vec3(bounced.xy, min(bounced.z, -0.02 - 0.6 * root)));
     vec2 shift = vec2(total.y * view.x - total.x * view.y, dot(total, view.xy));
-    vec4 object = texture(mirrored, place + shift * vec2(0.12, -0.35) * max(far.y * 0.33, 0.05));
+    vec4 object = texture(mirrored, place + shift * vec2(0.12, -0.35) * max(resolved * 0.33, 0.05));
     reflected = mix(reflected, unpacked_light(object.rgb), object.a);
-    vec3 light = sky_light.rgb + sun_light.rgb * max(-sun.z, 0.0);
-    vec3 colour = mix(water.rgb * light * (1.0 + 0.8 * clamp(rise, -0.5, 0.5)), reflected, fresnel);
-    vec2 off = facet + total;
-    colour += glitter * (1.0 - object.a) * exp(-dot(off, off) / far.z);
-    // Foam: behind vessels, and whitecaps at crests
-    float trail = texture(foam_map, on_foam).r;
-    float foam = trail * smoothstep(0.25, 0.75, fine.b + 0.6 * trail);
-    if (wind.w > 1e-4) {
-        float crest = fine.b + 0.15 * clamp(rise / (0.1 + 0.02 * wind.z), -1.0, 1.0);
-        foam += smoothstep(1.0 - 3.0 * wind.w, 1.0 - 1.5 * wind.w, crest);
-    }
-    colour = mix(colour, 0.75 * light, min(foam, 0.9));
-    value = vec4(image_value(mix(horizon.rgb, colour, far.x)), 1.0);
-    number = id;
+    // Cox and Munk 1954: the radiance of the sun's glitter from the chance of the slope that reflects the sun
+    vec3 half_way = normalize(sun.xyz - view);
+    float cosine = min(half_way.z, -0.05), cosine2 = cosine * cosine;
+    float spread = 4.0 * max(view.z, 0.02) * rough * cosine2 * cosine2;
+    float damping = 1.0 + 18.0 * root;                  // of Fresnel's reflection, by roughness
+    float inverse = 1.0 / (spread * damping * rough * cosine);
+    vec2 off = total - half_way.xy * (inverse * spread * damping * rough);
+    float away = 1.0 - max(dot(half_way, -view), 0.0), away2 = away * away;
+    float mirror = 0.02 + 0.98 * away2 * away2 * away;
+    float glitter = half_way.z < 0.0 ? mirror * inverse * damping * rough * cosine : 0.0;
+    glitter *= (1.0 - object.a) * exp(-dot(off, off) * inverse * spread * damping * cosine);
+    float grazing = clamp(1.0 + across, 0.0, 0.98), grazing2 = grazing * grazing;
+    float fresnel = 0.02 + 0.98 * grazing2 * grazing2 * grazing * (inverse * spread * rough * cosine);
+    vec3 colour = mix(water.rgb * (1.0 + 0.8 * clamp(rise, -0.5, 0.5)), reflected, fresnel) + glitter * sun_light.rgb;
+    // Foam: whitecaps at crests, and behind vessels
+    float crest = fine.b + 0.15 * clamp(rise * whitecaps.x, -1.0, 1.0);
+    float share = clamp((crest - whitecaps.y) * whitecaps.z, 0.0, 1.0);
+    share *= share * (3.0 - 2.0 * share);
+#ifdef FOAM
+    float trail = texture(foam_map, (position.xy - foam_frame.xy) / foam_frame.z).r;
+    share += trail * smoothstep(0.25, 0.75, fine.b + 0.6 * trail);
+#endif
+    colour = mix(colour, foam_light.rgb, min(share, 0.9));
+    number = 60000u;
+    value = vec4(image_value(through_air(colour, distance_m)), 1.0);
 }
