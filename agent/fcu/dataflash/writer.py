@@ -46,8 +46,6 @@ class LogWriter:
     ) -> None:
         self.dropped = 0
         """Number of records that `put` refused, or that were unwritten when `close` gave up."""
-        self.dropped_bytes = 0
-        """Size of these records."""
         self.errors = 0
         """Number of failed attempts to open or write."""
         self.problem = ""
@@ -79,7 +77,6 @@ class LogWriter:
         limit = self._capacity if important else self._ordinary
         if self._accepted - self._written + size > limit and not self._wait_for_room(size, limit):
             self.dropped += 1
-            self.dropped_bytes += size
             return False
         self._accepted += size
         self._queue.append(record)
@@ -110,7 +107,6 @@ class LogWriter:
         ended = self._ended(timeout_s)
         if not ended:
             self.dropped += self._batch_records + len(self._queue)
-            self.dropped_bytes += self.unwritten_bytes
         return ended
 
     def _ended(self, timeout_s: float) -> bool:

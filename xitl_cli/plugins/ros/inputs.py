@@ -85,7 +85,7 @@ _TABLE = (
     RosInput("arm", SET_BOOL, "arms or disarms"),
     RosInput("set_mode", _STRING, "sets a mode by its name, such as `LOITER`"),
     RosInput("mode/{mode}", TRIGGER, "the same, with one service per mode: `mode/hold`; it has no topic"),
-    RosInput("start_mission", TRIGGER, "starts the mission on board, from its first waypoint"),
+    RosInput("start_mission", TRIGGER, "starts the mission on board, from its first waypoint; a mission under way continues"),
     RosInput("clear_mission", TRIGGER, "removes the mission from the autopilot"),
     RosInput("set_mission", "nav_msgs/msg/Path", "its poses in `map` or `odom` become the mission"),
     RosInput("launch_debris", TRIGGER, f"launches a drifting trunk {AHEAD_M:g} m ahead of the vessel"),
