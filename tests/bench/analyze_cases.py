@@ -38,6 +38,10 @@ class Case:
     """Whether a notice names the cause too."""
 
     @property
+    def real_time(self) -> bool:
+        return "hitl-loopback" in self.document["extends"]
+
+    @property
     def run_name(self) -> str:
         return f"{self.name}-{self.seed}".replace("/", "-")
 
