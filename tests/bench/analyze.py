@@ -47,7 +47,7 @@ EARLY_S = 3.0
 """Time by which a finding may begin before the cause that it names: most signals are averaged."""
 EXCLUSIVE = (("attitude.overturned", "attitude.doubtful"), ("attitude.contact", "attitude.upright"))
 """Findings of which at most one is right in these runs."""
-RUNS_OF_A_WORKER = 8
+RUNS_OF_A_WORKER = 16
 BOTH, OWN_LOG = "recording and log", "log"
 """Files of a run: the recording with the autopilot's log, and the log alone, which is all that a real vessel has."""
 

@@ -50,7 +50,7 @@ _ANSWERS = {
 _ERRORS = ("events.error", "events.said")
 _DEPARTED = (
     "sensors.field_step", "sensors.field_offset", "sensors.field_ramp", "sensors.field_drive", "sensors.pressure_step",
-    "sensors.gyro_bias", "actuation.gnss_drift",
+    "sensors.gyro_bias", "sensors.accel_bias", "actuation.gnss_drift",
 )  # fmt: skip
 _DRIVEN = ("actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered")
 _EKF = ("estimator", "events.error.16", "events.error.17", "events.error.24", "events.said.ekf_failsafe",
@@ -368,7 +368,7 @@ def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -
 CONTRADICTED = {
     "control.followed": (
         "control", "actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered",
-        "actuation.gnss_drift", "sensors.field_step", "sensors.gyro_bias",
+        "actuation.gnss_drift", "sensors.field_step", "sensors.gyro_bias", "sensors.accel_bias",
     ),
     "attitude.upright": ("attitude.overturned", "attitude.leaning", "attitude.impact", "attitude.contact"),
     "links.whole": ("links.loss",),

@@ -72,6 +72,10 @@ class SensorStep:
     def length(self) -> float:
         return float(np.linalg.norm(self.size))
 
+    def text(self, clock: LogClock) -> str:
+        until = "the end of the log" if self.until_ns is None else clock.text(self.until_ns)
+        return f"from {clock.text(self.from_ns)} to {until}"
+
 
 @dataclass(frozen=True, slots=True)
 class Rotations:
@@ -127,7 +131,7 @@ def _of_field(log: Log, compass: SensorSeries, step: SensorStep, clock: LogClock
     return Finding.warning(
         "sensors.field_step",
         f"{compass.name}: the field is off by {step.length:.0f} {compass.unit} ({size}, body axes) "
-        f"{_span_text(step, clock)}, which turns its heading by {turned_deg:.1f} degrees; {follows}",
+        f"{step.text(clock)}, which turns its heading by {turned_deg:.1f} degrees; {follows}",
         (
             Evidence(
                 compass.message, compass.fields[0], step.from_ns, step.until_ns or end_ns, f"{step.length:.0f} mGauss"
@@ -178,7 +182,7 @@ def _of_pressure(baro: SensorSeries, step: SensorStep, clock: LogClock, end_ns: 
     pressure_pa = float(step.size[0])
     return Finding.warning(
         "sensors.pressure_step",
-        f"{baro.name}: the pressure is off by {pressure_pa:+.0f} Pa {_span_text(step, clock)}, as much as "
+        f"{baro.name}: the pressure is off by {pressure_pa:+.0f} Pa {step.text(clock)}, as much as "
         f"{-pressure_pa / _PA_PER_M:+.1f} m of height within a second",
         (Evidence(baro.message, baro.fields[0], step.from_ns, step.until_ns or end_ns, f"{pressure_pa:+.0f} Pa"),),
         "Look for water or wind at the port of the barometer; do not trust its height in this time.",
@@ -192,17 +196,11 @@ def _of_gyro(unit: InertialUnit, step: SensorStep, clock: LogClock, end_ns: int)
     field = unit.gyro_fields[axis] if len(unit.gyro_fields) == 3 else f"{unit.gyro_fields[0]}[{axis}]"
     return Finding.warning(
         "sensors.gyro_bias",
-        f"{unit.name}: the gyroscope is off by {size_degps:+.2f} deg/s on {'xyz'[axis]} {_span_text(step, clock)}, "
+        f"{unit.name}: the gyroscope is off by {size_degps:+.2f} deg/s on {'xyz'[axis]} {step.text(clock)}, "
         f"by {against[axis]}",
         (Evidence(unit.table.name, field, step.from_ns, step.until_ns or end_ns, f"{size_degps:+.2f} deg/s"),),
         "Calibrate it at rest and warm; a bias that begins at once is a fault of the sensor or its supply.",
     )
-
-
-def _span_text(step: SensorStep, clock: LogClock) -> str:
-    if step.until_ns is None:
-        return f"from {clock.text(step.from_ns)} to the end of the log"
-    return f"from {clock.text(step.from_ns)} to {clock.text(step.until_ns)}"
 
 
 def _heading_error_deg(compass: SensorSeries, step: SensorStep) -> float:
@@ -253,7 +251,7 @@ def field_steps(turns: Rotations | None, compass: SensorSeries) -> list[SensorSt
     rows, sizes = _steps(compass.stamp_ns, fixed, FIELD_STEP_MGAUSS)
     rows, sizes = _without_holds(compass, rows, sizes)
     body = [matrices[at[row]].T @ size for row, size in zip(rows, sizes, strict=True)]
-    return _paired([int(compass.stamp_ns[row]) for row in rows], body)
+    return paired_steps([int(compass.stamp_ns[row]) for row in rows], body)
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,7 +325,7 @@ def field_error(
 def pressure_steps(baro: SensorSeries, least_pa: float) -> list[SensorStep]:
     """Steps of the pressure (1,) in Pa."""
     rows, sizes = _without_holds(baro, *_steps(baro.stamp_ns, baro.values[:, :1], least_pa))
-    return _paired([int(baro.stamp_ns[row]) for row in rows], sizes)
+    return paired_steps([int(baro.stamp_ns[row]) for row in rows], sizes)
 
 
 def _without_holds(sensor: SensorSeries, rows: list[int], sizes: list[Floats]) -> tuple[list[int], list[Floats]]:
@@ -386,7 +384,7 @@ def _near(spans: Sequence[tuple[int, int]], rows: int) -> list[tuple[int, int]]:
     return joined
 
 
-def _paired(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
+def paired_steps(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
     """Each step with the next step that reverses it."""
     found, used = [], set[int]()
     for place, (from_ns, size) in enumerate(zip(at_ns, sizes, strict=True)):
@@ -467,7 +465,7 @@ def gyro_steps(
             if np.prod(slopes) > 0.0 and abs(lasting) > GYRO_STEP_RADPS:
                 rows, sizes = [0], [lasting]
         whole = [np.eye(3)[axis] * size for size in sizes]
-        steps += _paired([int(at_ns[row]) for row in rows], whole)
+        steps += paired_steps([int(at_ns[row]) for row in rows], whole)
     return sorted(steps, key=lambda step: step.from_ns)
 
 
