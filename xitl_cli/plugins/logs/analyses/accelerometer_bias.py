@@ -118,7 +118,9 @@ def _cells(unit: InertialUnit, angles_deg: list[Series], velocity: Series) -> _C
         return None
     place = (turns.stamp_ns - begin) // step_ns
     inner = (place >= 0) & (place < many) & np.isfinite(force).all(axis=1)
-    for hold in find_holds(unit.accel_mps2[good], 1e-9 * float(turns.stamp_ns[-1] - turns.stamp_ns[0]) / len(turns.stamp_ns)).holds:
+    for hold in find_holds(
+        unit.accel_mps2[good], 1e-9 * float(turns.stamp_ns[-1] - turns.stamp_ns[0]) / len(turns.stamp_ns)
+    ).holds:
         inner[hold.first : hold.last + 1] = False
     count = np.bincount(place[inner], minlength=many)
     enough = count > 0.7 * np.median(count)

@@ -6,7 +6,7 @@ the mode: a loop flown in ACRO gives no warning.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,11 +83,14 @@ def analyse(log: Log) -> Section | None:
         findings += _overturned(log, tilt, overturned, accelerometers, kind, parameters, clock)
         findings += _leaning(log, tilt, limits, [*overturned, *free], clock)
     shocks = find_shocks(inertial, limits)
+    if kind == "rover" and _is_boat(log, parameters):
+        shocks = _distinct([*shocks, *(bump for unit in inertial for bump in find_bumps(unit))])
     findings += _impacts(log, shocks, overturned, clock)
     findings += _contacts(log, clock)
     if tilt is not None and not findings:
         steepest = float(tilt.tilt_deg.max())
-        findings.append(Finding.ok("attitude.upright", f"It kept upright, to {steepest:.0f}°, and hit nothing"))
+        shock = ", and felt no shock" if inertial or log.of_topics else ""
+        findings.append(Finding.ok("attitude.upright", f"It kept upright, to {steepest:.0f}°{shock}"))
     facts: list[Fact] = []
     if tilt is not None:
         on: Flags = inside(tilt.stamp_ns, clock.armed) if clock.armed else np.ones(len(tilt.stamp_ns), dtype=np.bool_)
@@ -204,10 +207,17 @@ _SEVERITIES = {
 def _word(log: Log, kind: VehicleKind, parameters: Mapping[str, float]) -> str:
     if kind in ("copter", "plane"):
         return "was inverted"
+    return "capsized" if _is_boat(log, parameters) else "overturned"
+
+
+def _is_boat(log: Log, parameters: Mapping[str, float]) -> bool:
     beats = autopilot_heartbeats(log)
-    boat = parameters.get("FRAME_CLASS") == BOAT_FRAME or (firmware_text(log) or "").startswith("xitl ")
-    boat |= beats is not None and int(beats.values("type", raw=True)[0]) == SURFACE_BOAT
-    return "capsized" if boat or "/truth/state" in log.tables else "overturned"
+    return (
+        parameters.get("FRAME_CLASS") == BOAT_FRAME
+        or (firmware_text(log) or "").startswith("xitl ")
+        or (beats is not None and int(beats.values("type", raw=True)[0]) == SURFACE_BOAT)
+        or "/truth/state" in log.tables
+    )
 
 
 def _angles(tilt: TiltSeries, row: int) -> str:
@@ -320,9 +330,44 @@ def find_shocks(inertial: Sequence[InertialUnit], limits: MotionLimits) -> list[
                             at_ns, float(size[row]), usual, ends[0] if ends else None, unit.name, unit.table.name, field
                         )
                     )
-    found.sort(key=lambda shock: -shock.size_mps2)
+    return _distinct(found)
+
+
+_BUMP_MPS2, _BUMPS = 6.0, 20.0
+"""Least horizontal shock of a boat, and its least ratio to the usual one. Its thrusters and waves cause less: half of
+the gravity would be a wave with a slope of 30 degrees that comes within `_BUMP_S`."""
+_BUMP_S = 0.5
+_BUMP_HZ = 20.0
+
+
+def find_bumps(unit: InertialUnit) -> list[Shock]:
+    """Short horizontal forces on a boat, by time: waves and slamming act vertically, an obstacle stops it."""
+    if unit.accel_mps2 is None or len(unit.stamp_ns) < 2:
+        return []
+    known = np.isfinite(unit.accel_mps2).all(axis=1)
+    stamps, accel = unit.stamp_ns[known], unit.accel_mps2[known]
+    rate_hz = 1e9 * len(stamps) / max(int(stamps[-1]) - int(stamps[0]), 1) if len(stamps) else 0.0
+    half = round(_BUMP_S * rate_hz)
+    if rate_hz < _BUMP_HZ or len(stamps) <= 2 * half:
+        return []
+    level = accel[:, :2]
+    summed = np.concatenate([np.zeros((1, 2)), np.cumsum(level, axis=0)])
+    first, after = np.maximum(np.arange(len(level)) - half, 0), np.minimum(np.arange(len(level)) + half + 1, len(level))
+    apart = np.linalg.norm(level - (summed[after] - summed[first]) / (after - first)[:, None], axis=1)
+    usual = float(np.median(apart))
+    rows = np.flatnonzero(apart > max(_BUMP_MPS2, _BUMPS * usual))
+    size = np.linalg.norm(accel, axis=1)
+    field = (unit.accel_fields or unit.gyro_fields)[0]
+    return _distinct(
+        Shock(int(stamps[row]), float(size[row]), usual, None, unit.name, unit.table.name, field)
+        for row in rows.tolist()
+    )
+
+
+def _distinct(shocks: Iterable[Shock]) -> list[Shock]:
+    """The largest shock of each second, by time."""
     kept: list[Shock] = []
-    for shock in found:
+    for shock in sorted(shocks, key=lambda shock: -shock.size_mps2):
         if all(abs(shock.at_ns - other.at_ns) > _CLUSTER_NS for other in kept):
             kept.append(shock)
     return sorted(kept, key=lambda shock: shock.at_ns)
@@ -343,7 +388,7 @@ def _impacts(
         after = [] if by_hand else _consequences(log, these, overturned)
         grave = not by_hand and (bool(after) or worst.size_mps2 > 2.0 * limit)
         ends = "" if worst.range_g is None else f", the end of its range of {worst.range_g} g: it may have been more"
-        again = "" if len(these) == 1 else f" ({len(these)} times over {limit:.0f} m/s² without gravity)"
+        again = "" if len(these) == 1 else f" ({len(these)} times in all)"
         usual = f"; it shook by {worst.usual_mps2:.1f} m/s² before" if worst.usual_mps2 > 1.0 else ""
         yield Finding(
             "attitude.impact" if not by_hand else "attitude.knock",

@@ -30,7 +30,9 @@ def analyse(log: Log) -> Section | None:
     """Section on sensors; None if the log has no sensor and is not of a vehicle."""
     clock = LogClock(log)
     inertial, plain = inertial_units(log), sensor_series(log)
-    departures = Section("sensors", _TITLE, findings=(*departure_findings(log, clock), *accelerometer_findings(log, clock)))
+    departures = Section(
+        "sensors", _TITLE, findings=(*departure_findings(log, clock), *accelerometer_findings(log, clock))
+    )
     if not inertial and not plain:
         if log.of_topics:
             return departures if departures.findings else None
