@@ -61,7 +61,7 @@ _HIT = (
     "attitude.impact", "attitude.contact", "attitude.overturned", "attitude.leaning", "control.attitude_lost",
     "control.rate_lost", "events.error.12", "events.error.25", "events.said.crash", "events.said.flight",
 )  # fmt: skip
-_MISJUDGED = ("attitude.overturned", "attitude.leaning", "attitude.doubtful")
+_MISJUDGED = ("attitude.overturned", "attitude.leaning", "attitude.rolling", "attitude.doubtful")
 """Findings on the estimated attitude, which inertial sensors determine."""
 _SILENT = ("links.silence", "links.sequence_loss", "links.loss", "radio.failsafe", "radio.none")
 
@@ -108,6 +108,7 @@ CAUSES = (
         (*_HIT, *_ERRORS, *_EKF, *_ACTED, *_PX4, "gnss", "sensors", "vibration", "radio", "control", "power"),
         15.0,
     ),
+    CauseRule(("attitude.rolling",), ("control", "radio", "actuation.unanswered", "missions.unfinished"), 15.0),
     CauseRule(("sensors.stopped_together",), ("gnss",), 2.0),
     CauseRule(("vibration",), ("sensors.saturated", "sensors.disagree", "vibration", "events.error.29", *_EKF), 5.0),
     CauseRule(("gnss",), ("gnss", "events.error.11", "events.said.sensor", "arming.refused", *_EKF, *_ACTED), 30.0),
@@ -370,7 +371,7 @@ CONTRADICTED = {
         "control", "actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered",
         "actuation.gnss_drift", "sensors.field_step", "sensors.gyro_bias", "sensors.accel_bias",
     ),
-    "attitude.upright": ("attitude.overturned", "attitude.leaning", "attitude.impact", "attitude.contact"),
+    "attitude.upright": (*_MISJUDGED, "attitude.impact", "attitude.contact"),
     "links.whole": ("links.loss",),
     "links.sequence_whole": ("links.sequence_loss",),
     "scheduler.on_time": ("scheduler.long_loops", "scheduler.deadlines_missed", "scheduler.late_tasks"),

@@ -82,6 +82,8 @@ def analyse(log: Log) -> Section | None:
         accelerometers = inertial or injected_units(log)
         findings += _overturned(log, tilt, overturned, accelerometers, kind, parameters, clock)
         findings += _leaning(log, tilt, limits, [*overturned, *free], clock)
+        if kind == "rover" and _is_boat(log, parameters):
+            findings += _rolling(tilt, overturned, clock)
     shocks = find_shocks(inertial, limits)
     if kind == "rover" and _is_boat(log, parameters):
         shocks = _distinct([*shocks, *(bump for unit in inertial for bump in find_bumps(unit))])
@@ -276,6 +278,44 @@ def _leaning(
         f"{_angles(tilt, worst)} at {clock.text(int(tilt.stamp_ns[worst]))}",
         tuple(Evidence(tilt.source, tilt.field, begin, end) for begin, end in spans[:_MOST_EVIDENCE]),
         "Look at waves, wind and turns then; more speed in a turn, or a higher centre of gravity, tips it over.",
+    )
+
+
+_ROLLING_DEG, _ROLLING_S = 8.0, 10.0
+"""Root mean square of roll and pitch together, in a window. Twice the limit for people on board (4 deg of roll,
+STANAG 4154)."""
+
+
+def _rolling(tilt: TiltSeries, overturned: Sequence[tuple[int, int]], clock: LogClock) -> Iterator[Finding]:
+    """Roll and pitch in waves that are more than a boat is steered in; only while armed, without capsizes."""
+    sailing = inside(tilt.stamp_ns, clock.armed) & ~inside(tilt.stamp_ns, overturned)
+    stamps = tilt.stamp_ns[sailing]
+    if not len(stamps):
+        return
+    angles = np.stack([tilt.roll_deg, tilt.pitch_deg], axis=1)[sailing]
+    after = np.searchsorted(stamps, stamps + round(_ROLLING_S * 1e9))
+    begins = np.flatnonzero(after < len(stamps))
+    many = (after[begins] - begins)[:, None]
+    sums, squares = (np.concatenate([np.zeros((1, 2)), np.cumsum(values, axis=0)]) for values in (angles, angles**2))
+    mean = (sums[after[begins]] - sums[begins]) / many
+    variance = (squares[after[begins]] - squares[begins]) / many - mean**2
+    rms_deg = np.sqrt(np.maximum(variance, 0.0))
+    rolling = np.hypot(*rms_deg.T)
+    rough = np.flatnonzero(rolling > _ROLLING_DEG)
+    if not len(rough):
+        return
+    worst = int(rough[np.argmax(rolling[rough])])
+    roll_deg, pitch_deg = rms_deg[worst]
+    spans = spans_where(stamps[begins], rolling > _ROLLING_DEG, _ROLLING_S)
+    yield Finding.warning(
+        "attitude.rolling",
+        f"It rolled by {roll_deg:.0f}° and pitched by {pitch_deg:.0f}° RMS in the ten seconds from "
+        f"{clock.text(int(stamps[begins[worst]]))}",
+        tuple(
+            Evidence(tilt.source, tilt.field, begin, end + round(_ROLLING_S * 1e9))
+            for begin, end in spans[:_MOST_EVIDENCE]
+        ),
+        "Look at the waves: a vessel that moves like this does not follow its mission well. Wait for calmer water.",
     )
 
 
