@@ -27,7 +27,7 @@ from xitl_cli.plugins.logs.analyses.sensor_departures import SensorStep, paired_
 LEAST_BIAS_MPS2 = 0.3
 """Least change of a bias. In a window, a gyroscope that is off by 0.1 deg/s causes less than half of it."""
 _CELL_S = 0.2
-_HALF = 40
+_HALF = 60
 """Cells of half a window."""
 _STRIDE = 5
 _MOST_CELLS = 40_000
