@@ -38,7 +38,7 @@ from xitl_cli.logs.report.build import build_report
 from xitl_cli.logs.report.causes import FindingGroup, group_findings, is_contradicted, is_kind
 from xitl_cli.logs.report.model import Report
 
-FORMAT = 2
+FORMAT = 3
 KEPT = Path(__file__).with_name("analyze_measured.jsonl")
 PAGE = ROOT / "docs" / "logs.md"
 BEGIN, END = "<!-- analyze -->", "<!-- end of analyze -->"
@@ -137,7 +137,9 @@ def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
     contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, causes)}
     keys = {placed.finding.key for placed in report.findings}
     contradictions |= {" and ".join(pair) for pair in EXCLUSIVE if keys.issuperset(pair)}
-    return Outcome(case.name, case.group, case.seed, case.onset_s, tuple(named), tuple(sorted(contradictions)))
+    return Outcome(
+        case.name, case.group, case.seed, case.onset_s, tuple(named), bool(causes), tuple(sorted(contradictions))
+    )
 
 
 def _named(case: Case, group: FindingGroup, causes: Sequence[str]) -> Named:

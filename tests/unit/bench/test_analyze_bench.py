@@ -16,8 +16,8 @@ from xitl_cli.profile import load_profile
 
 RIGHT = Named("gnss.silent", 30.4, right=True)
 WRONG = Named("control.too_slow", 31.0, right=False)
-FAULTY = Outcome("gnss-loss", "GNSS", 1, 30.0, (RIGHT,), ())
-CLEAN = Outcome("otter/current-waves", NONE, 1, None, (), ())
+FAULTY = Outcome("gnss-loss", "GNSS", 1, 30.0, (RIGHT,), True, ())
+CLEAN = Outcome("otter/current-waves", NONE, 1, None, (), False, ())
 
 
 def test_the_cases_of_a_seed_repeat_and_those_of_another_differ() -> None:

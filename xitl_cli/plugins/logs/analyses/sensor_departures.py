@@ -533,7 +533,9 @@ def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:
     for row, size in sorted(changes.items()):
         around = apart[row - half : row + half]
         left = {name: _rest(around, design) for name, design in designs.items()}
-        clear = left["slope"] < 0.5 * left["step"] and left["slope"] < _SLOPE_LEFT * _rest(around, designs["slope"][:, :2])
+        clear = left["slope"] < 0.5 * left["step"] and left["slope"] < _SLOPE_LEFT * _rest(
+            around, designs["slope"][:, :2]
+        )
         if abs(size) > limit and clear:
             rows.append(row)
             sizes.append(size)
