@@ -172,7 +172,8 @@ _FIRST = (
     "modes", "arming", "missions",
 )  # fmt: skip
 _SAME_S = 2.0
-_EVENT_S = 60.0
+_EVENT_S, _WHOLE_SHARE = 60.0, 0.9
+"""Longest event, and its largest share of a log."""
 _STATE_REACH_S = 60.0
 _AT_START_S = 10.0
 
@@ -203,6 +204,8 @@ class _Placed:
     """Number of the finding among all."""
     start_s: float
     """Beginning of its file."""
+    event_s: float
+    """Longest span of an event of its file; a longer one is a state."""
 
     @property
     def begin_s(self) -> float:
@@ -223,9 +226,9 @@ class _Placed:
 
     @property
     def lasts(self) -> bool:
-        """Whether it is an unintended state of the whole log rather than an event."""
+        """Whether it is an unintended state rather than an event."""
         longest_s = max((end - begin for begin, end in self.spans), default=math.inf)
-        return longest_s > _EVENT_S and not self.intended
+        return longest_s > self.event_s and not self.intended
 
     def explains_until_s(self, span: tuple[float, float], reach_s: float) -> float:
         """Latest beginning (s) of a consequence of this spell.
@@ -234,7 +237,7 @@ class _Placed:
         beginning is unknown, and only the reach of the rule counts.
         """
         begin_s, end_s = span
-        if end_s - begin_s <= _EVENT_S or self.intended:
+        if end_s - begin_s <= self.event_s or self.intended:
             return end_s + reach_s
         seen = begin_s > self.start_s + _AT_START_S
         return begin_s + max(reach_s, _STATE_REACH_S if seen else 0.0)
@@ -267,8 +270,8 @@ def _placed(found: FileFinding, file: int, place: int) -> _Placed:
     )
     key = found.finding.key
     rank = min((place for place, kind in enumerate(_FIRST) if is_kind(key, (kind,))), default=len(_FIRST))
-    start_s = -math.inf if found.file.span_ns is None else line.second(found.file.span_ns[0])
-    return _Placed(found, tuple(spans), rank, file, place, start_s)
+    start_s, end_s = (-math.inf, math.inf) if found.file.span_ns is None else map(line.second, found.file.span_ns)
+    return _Placed(found, tuple(spans), rank, file, place, start_s, min(_EVENT_S, _WHOLE_SHARE * (end_s - start_s)))
 
 
 def is_kind(key: str, kinds: Sequence[str]) -> bool:
