@@ -306,15 +306,16 @@ def _rolling(tilt: TiltSeries, overturned: Sequence[tuple[int, int]], clock: Log
         return
     worst = int(rough[np.argmax(rolling[rough])])
     roll_deg, pitch_deg = rms_deg[worst]
-    spans = spans_where(stamps[begins], rolling > _ROLLING_DEG, _ROLLING_S)
+    spans = []
+    for begin, end in spans_where(stamps[begins], rolling > _ROLLING_DEG, _ROLLING_S):
+        first = (stamps >= begin) & (stamps <= begin + round(_ROLLING_S * 1e9))
+        far = np.linalg.norm(angles[first] - np.median(angles[first], axis=0), axis=1) > _ROLLING_DEG
+        spans.append((int(stamps[first][np.argmax(far)]), end + round(_ROLLING_S * 1e9)))
     yield Finding.warning(
         "attitude.rolling",
         f"It rolled by {roll_deg:.0f}° and pitched by {pitch_deg:.0f}° RMS in the ten seconds from "
         f"{clock.text(int(stamps[begins[worst]]))}",
-        tuple(
-            Evidence(tilt.source, tilt.field, begin, end + round(_ROLLING_S * 1e9))
-            for begin, end in spans[:_MOST_EVIDENCE]
-        ),
+        tuple(Evidence(tilt.source, tilt.field, begin, end) for begin, end in spans[:_MOST_EVIDENCE]),
         "Look at the waves: a vessel that moves like this does not follow its mission well. Wait for calmer water.",
     )
 
