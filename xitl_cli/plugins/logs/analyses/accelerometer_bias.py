@@ -78,7 +78,7 @@ class _Cells:
     attitude: Floats
     """(N, 3, 3) rotation from body axes to north, east, down, by the estimate."""
     vel_ned_mps: Floats
-    """(N, 3) at the end of each cell, NaN in a gap."""
+    """(N, 3) at the end of each cell, NaN in a gap and while the receiver repeats one value."""
 
 
 def accelerometer_steps(unit: InertialUnit, angles_deg: list[Series], velocity: Series) -> list[SensorStep]:
@@ -111,6 +111,8 @@ def _cells(unit: InertialUnit, angles_deg: list[Series], velocity: Series) -> _C
     good = np.isfinite(unit.gyro_radps).all(axis=1)
     force = np.einsum("nij,nj->ni", turns.matrices, unit.accel_mps2[good])
     sources = [turns.stamp_ns, velocity.stamp_ns, *(series.stamp_ns for series in angles_deg)]
+    if len(velocity.stamp_ns) < 2:
+        return None
     begin, end = max(int(stamps[0]) for stamps in sources), min(int(stamps[-1]) for stamps in sources)
     step_ns = round(_CELL_S * 1e9)
     many = (end - begin) // step_ns
@@ -131,6 +133,9 @@ def _cells(unit: InertialUnit, angles_deg: list[Series], velocity: Series) -> _C
     gap_s = (velocity.stamp_ns[after] - velocity.stamp_ns[after - 1]) * 1e-9
     vel_ned_mps = velocity.interpolated(middle + step_ns // 2)
     vel_ned_mps[gap_s > _MOST_GAP_S] = np.nan
+    for hold in find_holds(velocity.values, float(np.median(np.diff(velocity.stamp_ns))) * 1e-9).holds:
+        first_ns, last_ns = (int(velocity.stamp_ns[row]) for row in (hold.first, hold.last))
+        vel_ned_mps[(middle + step_ns // 2 > first_ns) & (middle - step_ns // 2 <= last_ns + step_ns)] = np.nan
     return _Cells(
         middle,
         np.where(enough[:, None], sums / np.maximum(count, 1)[:, None], np.nan),

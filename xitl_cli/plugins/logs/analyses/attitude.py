@@ -82,17 +82,18 @@ def analyse(log: Log) -> Section | None:
         accelerometers = inertial or injected_units(log)
         findings += _overturned(log, tilt, overturned, accelerometers, kind, parameters, clock)
         findings += _leaning(log, tilt, limits, [*overturned, *free], clock)
-        if kind == "rover" and _is_boat(log, parameters):
-            findings += _rolling(tilt, overturned, clock)
     shocks = find_shocks(inertial, limits)
     if kind == "rover" and _is_boat(log, parameters):
-        shocks = _distinct([*shocks, *(bump for unit in inertial for bump in find_bumps(unit))])
+        bumps = (bump for unit in inertial for bump in find_bumps(unit) if clock.was_armed(bump.at_ns))
+        shocks = _distinct([*shocks, *bumps])
     findings += _impacts(log, shocks, overturned, clock)
     findings += _contacts(log, clock)
     if tilt is not None and not findings:
         steepest = float(tilt.tilt_deg.max())
         shock = ", and felt no shock" if inertial or log.of_topics else ""
         findings.append(Finding.ok("attitude.upright", f"It kept upright, to {steepest:.0f}°{shock}"))
+    if tilt is not None and kind == "rover" and _is_boat(log, parameters):
+        findings += _rolling(tilt, overturned, clock)
     facts: list[Fact] = []
     if tilt is not None:
         on: Flags = inside(tilt.stamp_ns, clock.armed) if clock.armed else np.ones(len(tilt.stamp_ns), dtype=np.bool_)
@@ -282,7 +283,7 @@ def _leaning(
 
 
 _ROLLING_DEG, _ROLLING_S = 8.0, 10.0
-"""Root mean square of roll and pitch together, in a window. Twice the limit for people on board (4 deg of roll,
+"""Root mean square of roll and pitch together, in a window: twice the roll in which a crew works (4 deg, NATO
 STANAG 4154)."""
 
 
@@ -311,7 +312,7 @@ def _rolling(tilt: TiltSeries, overturned: Sequence[tuple[int, int]], clock: Log
         first = (stamps >= begin) & (stamps <= begin + round(_ROLLING_S * 1e9))
         far = np.linalg.norm(angles[first] - np.median(angles[first], axis=0), axis=1) > _ROLLING_DEG
         spans.append((int(stamps[first][np.argmax(far)]), end + round(_ROLLING_S * 1e9)))
-    yield Finding.warning(
+    yield Finding.notice(
         "attitude.rolling",
         f"It rolled by {roll_deg:.0f}° and pitched by {pitch_deg:.0f}° RMS in the ten seconds from "
         f"{clock.text(int(stamps[begins[worst]]))}",
