@@ -28,7 +28,7 @@ from typing import Any
 import yaml
 from numpy.random import default_rng
 
-from tests.bench.analyze_cases import Case, cases, group_of_findings
+from tests.bench.analyze_cases import ARDUPILOT, Case, ardupilot_cases, cases, group_of_findings
 from tests.bench.analyze_scores import Named, Outcome, confusion_table, score_table
 from tests.bench.results import FULL, ROOT, TINY, BenchRun, this_run
 from xitl_cli.log_analyses import log_analyses
@@ -99,7 +99,11 @@ class ResultsFile:
         rows = [json.loads(line) for line in lines]
         outcomes = {files: [_outcome(row[files]) for row in rows] for files in (BOTH, OWN_LOG)}
         for of in outcomes.values():
-            every = [(seed, case.name) for seed in sorted({each.seed for each in of}) for case in cases(seed)]
+            every = [
+                (seed, case.name)
+                for seed in sorted({each.seed for each in of})
+                for case in (*cases(seed), *ardupilot_cases(seed))
+            ]
             of.sort(key=lambda each: every.index((each.seed, each.case)))
         return AnalyzeResults(BenchRun(**head["run"]), outcomes)
 
@@ -187,20 +191,25 @@ def _line(of: Outcome) -> str:
 
 def tables(results: AnalyzeResults) -> str:
     """The text between the marks of docs/logs.md."""
-    both, own = results.outcomes[BOTH], results.outcomes[OWN_LOG]
+    both, own = (
+        [outcome for outcome in results.outcomes[files] if not outcome.case.startswith(ARDUPILOT)]
+        for files in (BOTH, OWN_LOG)
+    )
+    ardupilot = [outcome for outcome in results.outcomes[BOTH] if outcome.case.startswith(ARDUPILOT)]
     seeds = ", ".join(str(seed) for seed in results.seeds)
     every = sum(len(list(cases(seed))) for seed in results.seeds)
-    return "\n\n".join(
-        [
-            f"`make bench-analyze` measured {len(both)} of the {every} cases of the seeds {seeds} at commit "
-            f"{results.run.commit[:8]}, from the recording and the autopilot's log:",
-            score_table(both),
-            "From the autopilot's log alone:",
-            score_table(own),
-            "Runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
-            confusion_table(both, group_of_findings()),
-        ]
-    )
+    parts = [
+        f"`make bench-analyze` measured {len(both)} of the {every} cases of the seeds {seeds} at commit "
+        f"{results.run.commit[:8]}, from the recording and the autopilot's log:",
+        score_table(both),
+        "From the autopilot's log alone:",
+        score_table(own),
+        "Runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
+        confusion_table(both, group_of_findings()),
+    ]
+    if ardupilot:
+        parts += [f"{len(ardupilot)} cases with a stock ArduPilot, from both files:", score_table(ardupilot)]
+    return "\n\n".join(parts)
 
 
 def kept_tables() -> str:
@@ -238,6 +247,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser.add_argument("--seeds", type=seed_numbers, default=[1], metavar="FIRST-LAST")
     parser.add_argument("--only", action="append", default=[], metavar="WORD", help="cases with WORD in name or group")
     parser.add_argument("--runs", type=Path, metavar="FOLDER", help="keep the runs here (default: a temporary folder)")
+    parser.add_argument("--ardupilot", action="store_true", help="the cases with the ArduPilot of XITL_ARDUROVER")
     parser.add_argument("--lockstep", action="store_true", help="omit cases in real time, which need an idle machine")
     parser.add_argument("--workers", type=int, default=2, metavar="N")
     parser.add_argument("--minutes", type=float, metavar="N", help="begin no case later: a random part of the cases")
@@ -256,7 +266,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     chosen = [
         case
         for seed in given.seeds
-        for case in cases(seed)
+        for case in (ardupilot_cases(seed) if given.ardupilot else cases(seed))
         if not given.only or any(word in f"{case.group} {case.name}" for word in given.only)
         if not (given.lockstep and case.real_time)
     ]

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from tests.bench import analyze
-from tests.bench.analyze_cases import cases
+from tests.bench.analyze_cases import ardupilot_cases, cases
 from tests.bench.analyze_scores import NONE, Named, Outcome, Scores, confusion_table, score_table, scores
 from tests.bench.results import FULL, TINY, this_run
 from xitl_cli.profile import load_profile
@@ -37,9 +37,17 @@ def test_a_fault_begins_at_its_onset_and_has_a_drawn_size() -> None:
     assert 0.3 <= fault["gnss"]["drift_mps"] <= 0.8
 
 
+def test_a_case_with_ardupilot_has_the_size_and_causes_of_its_embedded_twin() -> None:
+    embedded = {case.name: case for case in cases(4)}
+    for case in ardupilot_cases(4):
+        twin = embedded[case.name.removeprefix("ardupilot/")]
+        assert (case.group, case.causes) == (twin.group, twin.causes)
+        assert case.document["extends"][0] == "sitl-ardupilot-ahrs"
+
+
 @pytest.mark.slow
 def test_every_case_is_a_profile_of_xitl(tmp_path: Path) -> None:
-    for case in cases(1):
+    for case in (*cases(1), *ardupilot_cases(1)):
         path = tmp_path / f"{case.run_name}.yaml"
         path.write_text(yaml.safe_dump(dict(case.document)), encoding="utf-8")
         assert load_profile(str(path)).clock is not None, case.name

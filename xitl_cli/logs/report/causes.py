@@ -111,6 +111,7 @@ CAUSES = (
     CauseRule(("attitude.rolling",), ("control", "radio", "actuation.unanswered", "missions.unfinished"), 15.0),
     CauseRule(("sensors.stopped_together",), ("gnss",), 2.0),
     CauseRule(("vibration",), ("sensors.saturated", "sensors.disagree", "vibration", "events.error.29", *_EKF), 5.0),
+    CauseRule(("gnss.fix_lost", "gnss.silent"), ("sensors.gap",), 10.0),  # of an external AHRS, which needs fixes
     CauseRule(
         ("gnss",),
         ("gnss", "control", "radio.saturated", "radio.too_slow", "events.error.11", "events.said.sensor",
