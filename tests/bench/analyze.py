@@ -119,9 +119,9 @@ def carry_out(case: Case, folder: Path) -> dict[str, Outcome]:
 
     run = folder / case.run_name
     profile = folder / f"{case.run_name}.yaml"
-    text = yaml.safe_dump(dict(case.document), sort_keys=False)
-    if not (run / "summary.json").exists() or not profile.exists() or profile.read_text(encoding="utf-8") != text:
-        profile.write_text(text, encoding="utf-8")
+    known = (run / "summary.json").exists() and profile.exists()
+    if not known or yaml.safe_load(profile.read_text(encoding="utf-8")) != case.document:
+        profile.write_text(yaml.safe_dump(dict(case.document), sort_keys=False), encoding="utf-8")
         xitl.simulate(profile, out=run, overwrite=True)
     blind = [analysis for analysis in log_analyses() if analysis.name != "faults"]
     both, own = (build_report([path], blind, overview=False) for path in (run, run / "autopilot.bin"))
