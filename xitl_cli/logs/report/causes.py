@@ -90,6 +90,12 @@ CAUSES = (
          "control.too_slow", "radio.too_slow", *_ACTED),
         30.0,
     ),
+    CauseRule(
+        ("actuation.battery_sag",),
+        ("power", "actuation.thrust_loss", "control", "radio.saturated", "radio.too_slow", "events.said.battery",
+         "events.error.6", *_ACTED),
+        30.0,
+    ),
     CauseRule(("vehicle.reboots", "events.watchdog"), ("sensors", "links", "time_bases", "scheduler", *_ERRORS), 10.0),
     CauseRule(("time_bases.step", "time_bases.rate_step"), ("sensors", "gnss.silent", "scheduler", "time_bases"), 2.0),
     CauseRule(
@@ -255,7 +261,9 @@ def group_findings(report: ReportedFiles) -> list[FindingGroup]:
     order = {id(file): place for place, file in enumerate(report.files)}
     placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]
     causes = [_cause(effect, placed) for effect in placed]
-    roots = [_root(place, causes, placed) for place in range(len(placed))]
+    first = [_root(place, causes, placed) for place in range(len(placed))]
+    # A root that has a cause, which would be too late for this finding, has no group of its own.
+    roots = [root if first[root] == root else place for place, root in enumerate(first)]
     groups = []
     for place, cause in enumerate(placed):
         if roots[place] != place:
