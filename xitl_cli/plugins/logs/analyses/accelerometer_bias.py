@@ -105,8 +105,7 @@ def accelerometer_steps(unit: InertialUnit, angles_deg: list[Series], velocity: 
 
 def _cells(unit: InertialUnit, angles_deg: list[Series], velocity: Series) -> _Cells | None:
     """None if the sources do not cover a common time."""
-    turns = rotations(unit) if unit.gyro_radps is not None else None
-    if turns is None or unit.accel_mps2 is None:
+    if unit.gyro_radps is None or unit.accel_mps2 is None or (turns := rotations(unit)) is None:
         return None
     good = np.isfinite(unit.gyro_radps).all(axis=1)
     force = np.einsum("nij,nj->ni", turns.matrices, unit.accel_mps2[good])
