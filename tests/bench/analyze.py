@@ -1,11 +1,12 @@
 """How often `xitl logs analyze` names the right cause: `make bench-analyze`.
 
-    python -m tests.bench.analyze --seeds 101-103            # writes build/bench/analyze.json
+    python -m tests.bench.analyze --seeds 101-103            # adds lines to build/bench/analyze.jsonl
     python -m tests.bench.analyze --seeds 1 --only compass --runs build/analyze
-    python -m tests.bench.analyze --keep build/bench/analyze.json    # keeps them, and writes the tables of docs/logs.md
+    python -m tests.bench.analyze --keep build/bench/analyze.jsonl   # keeps them, and writes the tables of docs/logs.md
 
 Each run of analyze_cases.yaml is simulated and analysed. The analysis of injected faults is omitted, because a log of a
-real vessel does not name its cause. A run in the folder of `--runs` is not simulated again.
+real vessel does not name its cause. A run in the folder of `--runs` is not simulated again. A measurement that was
+stopped continues with the cases that the file lacks.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import argparse
 import json
 import math
 import re
+import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -26,7 +28,7 @@ from typing import Any
 import yaml
 from numpy.random import default_rng
 
-from tests.bench.analyze_cases import Case, cases, group_of_findings
+from tests.bench.analyze_cases import ARDUPILOT, Case, ardupilot_cases, cases, group_of_findings
 from tests.bench.analyze_scores import Named, Outcome, confusion_table, score_table
 from tests.bench.results import FULL, ROOT, TINY, BenchRun, this_run
 from xitl_cli.log_analyses import log_analyses
@@ -36,8 +38,8 @@ from xitl_cli.logs.report.build import build_report
 from xitl_cli.logs.report.causes import FindingGroup, group_findings, is_contradicted, is_kind
 from xitl_cli.logs.report.model import Report
 
-FORMAT = 1
-KEPT = Path(__file__).with_name("analyze_measured.json")
+FORMAT = 3
+KEPT = Path(__file__).with_name("analyze_measured.jsonl")
 PAGE = ROOT / "docs" / "logs.md"
 BEGIN, END = "<!-- analyze -->", "<!-- end of analyze -->"
 NOT_MEASURED = "No complete measurement is kept yet."
@@ -45,7 +47,7 @@ EARLY_S = 3.0
 """Time by which a finding may begin before the cause that it names: most signals are averaged."""
 EXCLUSIVE = (("attitude.overturned", "attitude.doubtful"), ("attitude.contact", "attitude.upright"))
 """Findings of which at most one is right in these runs."""
-RUNS_OF_A_WORKER = 8
+RUNS_OF_A_WORKER = 16
 BOTH, OWN_LOG = "recording and log", "log"
 """Files of a run: the recording with the autopilot's log, and the log alone, which is all that a real vessel has."""
 
@@ -55,23 +57,55 @@ class AnalyzeResults:
     """Outcomes by the files that were analysed, and the run of the bench."""
 
     run: BenchRun
-    seeds: tuple[int, ...]
-    outcomes: dict[str, list[Outcome]]
+    outcomes: Mapping[str, Sequence[Outcome]]
 
-    def write(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        document = {"format": FORMAT, "run": asdict(self.run), "seeds": list(self.seeds)}
-        rows = {files: [asdict(outcome) for outcome in of] for files, of in self.outcomes.items()}
-        path.write_text(json.dumps({**document, "outcomes": rows}, indent=1) + "\n", encoding="utf-8")
+    @property
+    def seeds(self) -> list[int]:
+        return sorted({outcome.seed for outcome in self.outcomes[BOTH]})
 
 
-def read_results(path: Path) -> AnalyzeResults:
-    """Return the results in a file. Raises ValueError for another format."""
-    stored = json.loads(path.read_text(encoding="utf-8"))
-    if stored.get("format") != FORMAT:
-        raise ValueError(f"{path}: has format {stored.get('format')} instead of {FORMAT}; measure again")
-    outcomes = {files: [_outcome(row) for row in rows] for files, rows in stored["outcomes"].items()}
-    return AnalyzeResults(BenchRun(**stored["run"]), tuple(stored["seeds"]), outcomes)
+class ResultsFile:
+    """JSON lines: the run of the bench, then a line for each case."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def begin(self, run: BenchRun) -> None:
+        """Write the first line, unless the file continues. Raises ValueError if the file is of another commit.
+
+        A file of a changed tree does not continue, because its analysis is unknown.
+        """
+        stored = self.read().run if self.path.exists() else None
+        if stored is None or stored.changed:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.write_text(json.dumps({"format": FORMAT, "run": asdict(run)}) + "\n", encoding="utf-8")
+        elif (stored.commit, stored.changed, stored.sizes) != (run.commit, run.changed, run.sizes):
+            raise ValueError(
+                f"was measured at commit {stored.commit[:8]} with {stored.sizes} sizes, and the tree is another; "
+                "give another --out, or delete the file"
+            )
+
+    def add(self, outcomes: Mapping[str, Outcome]) -> None:
+        row = {files: asdict(outcome) for files, outcome in outcomes.items()}
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+    def read(self) -> AnalyzeResults:
+        """Return the results in order of the cases. Raises ValueError for another format."""
+        first, *lines = self.path.read_text(encoding="utf-8").splitlines()
+        head = json.loads(first)
+        if head.get("format") != FORMAT:
+            raise ValueError(f"has format {head.get('format')} instead of {FORMAT}; measure again")
+        rows = [json.loads(line) for line in lines]
+        outcomes = {files: [_outcome(row[files]) for row in rows] for files in (BOTH, OWN_LOG)}
+        for of in outcomes.values():
+            every = [
+                (seed, case.name)
+                for seed in sorted({each.seed for each in of})
+                for case in (*cases(seed), *ardupilot_cases(seed))
+            ]
+            of.sort(key=lambda each: every.index((each.seed, each.case)))
+        return AnalyzeResults(BenchRun(**head["run"]), outcomes)
 
 
 def _outcome(row: dict[str, Any]) -> Outcome:
@@ -85,9 +119,9 @@ def carry_out(case: Case, folder: Path) -> dict[str, Outcome]:
 
     run = folder / case.run_name
     profile = folder / f"{case.run_name}.yaml"
-    text = yaml.safe_dump(dict(case.document), sort_keys=False)
-    if not (run / "summary.json").exists() or not profile.exists() or profile.read_text(encoding="utf-8") != text:
-        profile.write_text(text, encoding="utf-8")
+    known = (run / "summary.json").exists() and profile.exists()
+    if not known or yaml.safe_load(profile.read_text(encoding="utf-8")) != case.document:
+        profile.write_text(yaml.safe_dump(dict(case.document), sort_keys=False), encoding="utf-8")
         xitl.simulate(profile, out=run, overwrite=True)
     blind = [analysis for analysis in log_analyses() if analysis.name != "faults"]
     both, own = (build_report([path], blind, overview=False) for path in (run, run / "autopilot.bin"))
@@ -107,7 +141,9 @@ def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
     contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, causes)}
     keys = {placed.finding.key for placed in report.findings}
     contradictions |= {" and ".join(pair) for pair in EXCLUSIVE if keys.issuperset(pair)}
-    return Outcome(case.name, case.group, case.seed, case.onset_s, tuple(named), tuple(sorted(contradictions)))
+    return Outcome(
+        case.name, case.group, case.seed, case.onset_s, tuple(named), bool(causes), tuple(sorted(contradictions))
+    )
 
 
 def _named(case: Case, group: FindingGroup, causes: Sequence[str]) -> Named:
@@ -122,29 +158,29 @@ def _first_s(finding: Finding, line: TimeLine) -> float | None:
     return min((round(line.second(each.at_ns), 3) for each in finding.evidence if each.at_ns is not None), default=None)
 
 
-def measure(chosen: Sequence[Case], folder: Path, workers: int, minutes: float | None) -> dict[str, list[Outcome]]:
-    """Outcomes of the cases by the files that were analysed, in the order of the cases.
+def measure(chosen: Sequence[Case], file: ResultsFile, folder: Path, workers: int, minutes: float | None) -> None:
+    """Add the outcomes of the cases to the file.
 
     minutes: time after which no further case begins; None: all are measured. The order of the measurements is random,
     so that the cases of a limited time are a fair sample. A case that fails ends the bench.
     """
     until_s = math.inf if minutes is None else time.monotonic() + 60.0 * minutes
     order = default_rng(len(chosen)).permutation(len(chosen)).tolist()
-    tasks = [(number, chosen[number], folder, until_s) for number in order]
-    measured: dict[int, dict[str, Outcome]] = {}
+    tasks = [(chosen[number], folder, until_s) for number in order]
+    done = 0
     with get_context("forkserver").Pool(workers, maxtasksperchild=RUNS_OF_A_WORKER) as pool:
-        for number, outcomes in pool.imap_unordered(_carried_out, tasks):
+        for case, outcomes in pool.imap_unordered(_carried_out, tasks):
             if outcomes is not None:
-                measured[number] = outcomes
-                line = f"{len(measured)} of {len(chosen)}: {chosen[number].run_name}: {_line(outcomes[BOTH])}"
+                file.add(outcomes)
+                done += 1
+                line = f"{done} of {len(chosen)}: {case.run_name}: {_line(outcomes[BOTH])}"
                 print(line, file=sys.stderr, flush=True)
-    return {files: [measured[number][files] for number in sorted(measured)] for files in (BOTH, OWN_LOG)}
 
 
-def _carried_out(task: tuple[int, Case, Path, float]) -> tuple[int, dict[str, Outcome] | None]:
-    """Number of a case with its outcomes; None after its time, on the clock that all processes share."""
-    number, case, folder, until_s = task
-    return number, carry_out(case, folder) if time.monotonic() < until_s else None
+def _carried_out(task: tuple[Case, Path, float]) -> tuple[Case, dict[str, Outcome] | None]:
+    """A case with its outcomes; None after its time, on the clock that all processes share."""
+    case, folder, until_s = task
+    return case, carry_out(case, folder) if time.monotonic() < until_s else None
 
 
 def _line(of: Outcome) -> str:
@@ -155,24 +191,30 @@ def _line(of: Outcome) -> str:
 
 def tables(results: AnalyzeResults) -> str:
     """The text between the marks of docs/logs.md."""
-    both, own = results.outcomes[BOTH], results.outcomes[OWN_LOG]
-    seeds = ", ".join(str(seed) for seed in results.seeds)
-    return "\n\n".join(
-        [
-            f"`make bench-analyze` measured commit {results.run.commit[:8]} with the seeds {seeds}, from the recording "
-            "and the autopilot's log:",
-            score_table(both),
-            "From the autopilot's log alone:",
-            score_table(own),
-            "Runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
-            confusion_table(both, group_of_findings()),
-        ]
+    both, own = (
+        [outcome for outcome in results.outcomes[files] if not outcome.case.startswith(ARDUPILOT)]
+        for files in (BOTH, OWN_LOG)
     )
+    ardupilot = [outcome for outcome in results.outcomes[BOTH] if outcome.case.startswith(ARDUPILOT)]
+    seeds = ", ".join(str(seed) for seed in results.seeds)
+    every = sum(len(list(cases(seed))) for seed in results.seeds)
+    parts = [
+        f"`make bench-analyze` measured {len(both)} of the {every} cases of the seeds {seeds} at commit "
+        f"{results.run.commit[:8]}, from the recording and the autopilot's log:",
+        score_table(both),
+        "From the autopilot's log alone:",
+        score_table(own),
+        "Runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
+        confusion_table(both, group_of_findings()),
+    ]
+    if ardupilot:
+        parts += [f"{len(ardupilot)} cases with a stock ArduPilot, from both files:", score_table(ardupilot)]
+    return "\n\n".join(parts)
 
 
 def kept_tables() -> str:
     """The text of the kept results, or that there are none."""
-    return tables(read_results(KEPT)) if KEPT.exists() else NOT_MEASURED
+    return tables(ResultsFile(KEPT).read()) if KEPT.exists() else NOT_MEASURED
 
 
 def with_tables(page: str, text: str) -> str:
@@ -183,12 +225,13 @@ def with_tables(page: str, text: str) -> str:
     return pattern.sub(lambda match: f"{match[1]}{text}{match[2]}", page)
 
 
-def keep(results: AnalyzeResults) -> None:
+def keep(file: ResultsFile) -> None:
     """Keep results, and write the tables. Raises ValueError for results of no commit or of some cases."""
+    results = file.read()
     run = results.run
     if run.sizes != FULL or not run.commit or run.changed:
         raise ValueError(f"were measured with {run.sizes} sizes{' with changes' if run.changed else ''}; commit first")
-    results.write(KEPT)
+    shutil.copyfile(file.path, KEPT)
     PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), tables(results)), encoding="utf-8")
 
 
@@ -204,32 +247,37 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser.add_argument("--seeds", type=seed_numbers, default=[1], metavar="FIRST-LAST")
     parser.add_argument("--only", action="append", default=[], metavar="WORD", help="cases with WORD in name or group")
     parser.add_argument("--runs", type=Path, metavar="FOLDER", help="keep the runs here (default: a temporary folder)")
-    parser.add_argument("--workers", type=int, default=1, metavar="N")
+    parser.add_argument("--ardupilot", action="store_true", help="the cases with the ArduPilot of XITL_ARDUROVER")
+    parser.add_argument("--lockstep", action="store_true", help="omit cases in real time, which need an idle machine")
+    parser.add_argument("--workers", type=int, default=2, metavar="N")
     parser.add_argument("--minutes", type=float, metavar="N", help="begin no case later: a random part of the cases")
-    parser.add_argument("--out", type=Path, default=ROOT / "build" / "bench" / "analyze.json", metavar="FILE")
+    parser.add_argument("--out", type=Path, default=ROOT / "build" / "bench" / "analyze.jsonl", metavar="FILE")
     parser.add_argument("--keep", type=Path, metavar="FILE", help="keep these results, and write the tables of docs/")
     given = parser.parse_args(None if arguments is None else list(arguments))
-    if given.keep is not None:
-        try:
-            keep(read_results(given.keep))
-        except ValueError as error:
-            sys.exit(f"{given.keep}: {error}")
-        return 0
+    file = ResultsFile(given.keep or given.out)
+    try:
+        if given.keep is not None:
+            keep(file)
+            return 0
+        file.begin(this_run(TINY if given.only else FULL))
+    except ValueError as error:
+        sys.exit(f"{file.path}: {error}")
+    known = {(outcome.case, outcome.seed) for outcome in file.read().outcomes[BOTH]}
     chosen = [
         case
         for seed in given.seeds
-        for case in cases(seed)
+        for case in (ardupilot_cases(seed) if given.ardupilot else cases(seed))
         if not given.only or any(word in f"{case.group} {case.name}" for word in given.only)
+        if not (given.lockstep and case.real_time)
     ]
     if not chosen:
         sys.exit(f"no case is named like {', '.join(given.only)}; see analyze_cases.yaml")
-    run = this_run(TINY if given.only else FULL)
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.runs or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        results = AnalyzeResults(run, tuple(given.seeds), measure(chosen, folder, given.workers, given.minutes))
-    results.write(given.out)
-    print(tables(results))
+        missing = [case for case in chosen if (case.name, case.seed) not in known]
+        measure(missing, file, folder, given.workers, given.minutes)
+    print(tables(file.read()))
     print(f"results: {given.out}")
     return 0
 

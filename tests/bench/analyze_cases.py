@@ -38,6 +38,10 @@ class Case:
     """Whether a notice names the cause too."""
 
     @property
+    def real_time(self) -> bool:
+        return "hitl-loopback" in self.document["extends"]
+
+    @property
     def run_name(self) -> str:
         return f"{self.name}-{self.seed}".replace("/", "-")
 
@@ -47,20 +51,31 @@ def read_table() -> dict[str, Any]:
     return table
 
 
+ARDUPILOT = "ardupilot/"
+"""Beginning of the names of the cases with a stock ArduPilot."""
+
+
 def cases(seed: int) -> Iterator[Case]:
-    """All cases of a seed: those with a fault, then each vessel without one.
+    """All cases of a seed with the embedded autopilot: those with a fault, then each vessel without one.
 
     The environment of a vessel changes from seed to seed.
     """
     table = read_table()
     for name, row in table["cases"].items():
-        yield _faulty(name, row, table, seed)
+        yield _faulty(name, row, table, table["embedded"], seed)
     environments = table["clean"]["environments"]
     for number, vehicle in enumerate(table["clean"]["vehicles"]):
         environment = environments[(number + seed) % len(environments)]
         profile = [*_SITE, f"vehicles/{vehicle}", f"environments/{environment}"]
-        document = _document(profile, table["set"], table["duration_s"], seed)
+        document = _document(profile, table, table["embedded"], {}, seed)
         yield Case(f"{vehicle}/{environment}", NONE, seed, document, None, (), (), ())
+
+
+def ardupilot_cases(seed: int) -> Iterator[Case]:
+    """The cases of a seed with a stock ArduPilot."""
+    table = read_table()
+    for name in table["ardupilot"]["cases"]:
+        yield _faulty(name, table["cases"][name], table, table["ardupilot"], seed)
 
 
 def group_of_findings() -> dict[str, str]:
@@ -72,11 +87,13 @@ def group_of_findings() -> dict[str, str]:
     return groups
 
 
-def _faulty(name: str, row: Mapping[str, Any], table: Mapping[str, Any], seed: int) -> Case:
+def _faulty(
+    name: str, row: Mapping[str, Any], table: Mapping[str, Any], autopilot: Mapping[str, Any], seed: int
+) -> Case:
     rng = default_rng([seed, zlib.crc32(name.encode())])
-    begin_s = float(round(rng.uniform(*table["onset_s"]), 1))
-    profile = [row.get("profile", "sitl"), *row.get("extends", ())]
-    document = _document(profile, {**table["set"], **row.get("set", {})}, table["duration_s"], seed)
+    begin_s = float(round(rng.uniform(*autopilot["onset_s"]), 1))
+    profile = [autopilot.get("profile", row.get("profile", "sitl")), *row.get("extends", ())]
+    document = _document(profile, table, autopilot, row.get("set", {}), seed)
     onset_s = None
     if "fault" in row:
         onset_s = begin_s
@@ -84,7 +101,8 @@ def _faulty(name: str, row: Mapping[str, Any], table: Mapping[str, Any], seed: i
         document["faults"] = {_FAULT: {"from_s": begin_s, **_drawn(row["fault"], rng), **until}}
     causes, effects = tuple(row["causes"]), tuple(row.get("effects", ()))
     in_log, notice = tuple(row.get("in_log", causes)), row.get("notice", False)
-    return Case(name, row["group"], seed, document, onset_s, causes, in_log, effects, notice)
+    prefix = ARDUPILOT if autopilot is table["ardupilot"] else ""
+    return Case(prefix + name, row["group"], seed, document, onset_s, causes, in_log, effects, notice)
 
 
 def _drawn(value: Any, rng: Generator) -> Any:
@@ -96,9 +114,12 @@ def _drawn(value: Any, rng: Generator) -> Any:
     return [_drawn(part, rng) for part in value] if isinstance(value, list) else value
 
 
-def _document(extends: list[str], given: Mapping[str, Any], duration_s: float, seed: int) -> dict[str, Any]:
+def _document(
+    extends: list[str], table: Mapping[str, Any], autopilot: Mapping[str, Any], given: Mapping[str, Any], seed: int
+) -> dict[str, Any]:
     document: dict[str, Any] = {"extends": extends}
-    for key, value in {**given, "clock.duration_s": duration_s, "clock.seed": seed}.items():
+    clock = {"clock.duration_s": autopilot["duration_s"], "clock.seed": seed}
+    for key, value in {**table["set"], **autopilot["set"], **given, **clock}.items():
         group = document
         *groups, last = key.split(".")
         for part in groups:

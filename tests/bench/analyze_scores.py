@@ -36,6 +36,8 @@ class Outcome:
     """None for a clean run, and for a cause that holds from the start of the run."""
     named: tuple[Named, ...]
     """The most severe first, then the earliest, as the terminal shows them."""
+    shown: bool
+    """Whether the files can show the cause."""
     contradictions: tuple[str, ...]
     """OK findings that the injected cause contradicts, and pairs of findings that exclude each other."""
 
@@ -69,11 +71,11 @@ class Scores:
 
     runs: int
     recall: float | None
-    """Share of the runs with a fault whose cause was named."""
+    """Share of the runs with a fault that the files can show, whose cause was named."""
     precision: float | None
     """Share of the named causes that are right, over all runs."""
     accuracy: float | None
-    """Share of the runs with a fault whose first named cause is right."""
+    """Share of the same runs whose first named cause is right."""
     onset_median_s: float | None
     onset_p95_s: float | None
     contradictions: int
@@ -81,7 +83,7 @@ class Scores:
 
 def scores(outcomes: Iterable[Outcome]) -> Scores:
     outcomes = list(outcomes)
-    faulty = [outcome for outcome in outcomes if not outcome.clean]
+    faulty = [outcome for outcome in outcomes if outcome.shown]
     named = [named for outcome in outcomes for named in outcome.named if not named.effect]
     errors = [error for outcome in faulty if (error := outcome.onset_error_s) is not None]
     return Scores(

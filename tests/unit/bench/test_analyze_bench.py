@@ -9,15 +9,15 @@ import pytest
 import yaml
 
 from tests.bench import analyze
-from tests.bench.analyze_cases import cases
+from tests.bench.analyze_cases import ardupilot_cases, cases
 from tests.bench.analyze_scores import NONE, Named, Outcome, Scores, confusion_table, score_table, scores
-from tests.bench.results import TINY, this_run
+from tests.bench.results import FULL, TINY, this_run
 from xitl_cli.profile import load_profile
 
 RIGHT = Named("gnss.silent", 30.4, right=True)
 WRONG = Named("control.too_slow", 31.0, right=False)
-FAULTY = Outcome("gnss-loss", "GNSS", 1, 30.0, (RIGHT,), ())
-CLEAN = Outcome("otter/calm", NONE, 1, None, (), ())
+FAULTY = Outcome("gnss-loss", "GNSS", 1, 30.0, (RIGHT,), True, ())
+CLEAN = Outcome("otter/current-waves", NONE, 1, None, (), False, ())
 
 
 def test_the_cases_of_a_seed_repeat_and_those_of_another_differ() -> None:
@@ -37,9 +37,17 @@ def test_a_fault_begins_at_its_onset_and_has_a_drawn_size() -> None:
     assert 0.3 <= fault["gnss"]["drift_mps"] <= 0.8
 
 
+def test_a_case_with_ardupilot_has_the_size_and_causes_of_its_embedded_twin() -> None:
+    embedded = {case.name: case for case in cases(4)}
+    for case in ardupilot_cases(4):
+        twin = embedded[case.name.removeprefix("ardupilot/")]
+        assert (case.group, case.causes) == (twin.group, twin.causes)
+        assert case.document["extends"][0] == "sitl-ardupilot-ahrs"
+
+
 @pytest.mark.slow
 def test_every_case_is_a_profile_of_xitl(tmp_path: Path) -> None:
-    for case in cases(1):
+    for case in (*cases(1), *ardupilot_cases(1)):
         path = tmp_path / f"{case.run_name}.yaml"
         path.write_text(yaml.safe_dump(dict(case.document)), encoding="utf-8")
         assert load_profile(str(path)).clock is not None, case.name
@@ -84,12 +92,36 @@ def test_tables_have_a_row_for_each_group() -> None:
     ]
 
 
-def test_results_survive_a_file_and_results_of_some_cases_are_not_kept(tmp_path: Path) -> None:
-    results = analyze.AnalyzeResults(this_run(TINY), (1,), {analyze.BOTH: [FAULTY, CLEAN], analyze.OWN_LOG: []})
-    results.write(tmp_path / "deep" / "x.json")
-    assert analyze.read_results(tmp_path / "deep" / "x.json") == results
+def test_a_stopped_measurement_continues_in_its_file(tmp_path: Path) -> None:
+    run = replace(this_run(FULL), changed=False)
+    file = analyze.ResultsFile(tmp_path / "deep" / "x.jsonl")
+    file.begin(run)
+    file.add({analyze.BOTH: CLEAN, analyze.OWN_LOG: CLEAN})
+    file.begin(replace(run, date_utc="later"))
+    file.add({analyze.BOTH: FAULTY, analyze.OWN_LOG: replace(FAULTY, named=())})
+    assert file.read() == analyze.AnalyzeResults(
+        run, {analyze.BOTH: [FAULTY, CLEAN], analyze.OWN_LOG: [replace(FAULTY, named=()), CLEAN]}
+    )
+
+
+def test_results_of_another_commit_are_not_mixed(tmp_path: Path) -> None:
+    run = replace(this_run(FULL), changed=False)
+    file = analyze.ResultsFile(tmp_path / "x.jsonl")
+    file.begin(run)
+    with pytest.raises(ValueError, match="give another --out"):
+        file.begin(replace(run, commit="0" * 40))
+    changed = analyze.ResultsFile(tmp_path / "changed.jsonl")
+    changed.begin(replace(run, changed=True))
+    changed.add({analyze.BOTH: CLEAN, analyze.OWN_LOG: CLEAN})
+    changed.begin(replace(run, changed=True))
+    assert changed.read().outcomes[analyze.BOTH] == []
+
+
+def test_results_of_some_cases_are_not_kept(tmp_path: Path) -> None:
+    file = analyze.ResultsFile(tmp_path / "x.jsonl")
+    file.begin(this_run(TINY))
     with pytest.raises(ValueError, match="tiny"):
-        analyze.keep(results)
+        analyze.keep(file)
 
 
 def test_the_tables_of_the_page_are_those_of_the_kept_results() -> None:
@@ -106,9 +138,9 @@ def test_a_page_without_a_place_is_refused() -> None:
 @pytest.mark.slow
 def test_the_benchmark_names_the_cause_of_a_simulated_fault(tmp_path: Path) -> None:
     only = [word for name in ("barometer-step", "gnss-loss", "blueboat") for word in ("--only", name)]
-    out = tmp_path / "x.json"
+    out = tmp_path / "x.jsonl"
     assert analyze.main(["--seeds", "1", *only, "--runs", str(tmp_path), "--out", str(out)]) == 0
-    results = analyze.read_results(out)
+    results = analyze.ResultsFile(out).read()
     assert results.run.sizes == TINY
     for outcomes in results.outcomes.values():
         assert [outcome.case for outcome in outcomes] == ["gnss-loss", "barometer-step", "blueboat/current-waves"]

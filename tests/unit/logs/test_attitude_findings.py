@@ -86,7 +86,39 @@ def test_what_turned_over_just_after_disarming_is_critical() -> None:
 
 def test_waves_of_thirty_degrees_are_sailing() -> None:
     log = vessel("boat", roll_deg=lambda t_s: 30.0 * np.sin(t_s), armed_s=1.0, further=(inertial(at_rest()),))
-    assert set(found(log)) == {"attitude.upright"}
+    assert {key: finding.severity for key, finding in found(log).items()} == {"attitude.upright": Severity.OK}
+
+
+def test_waves_that_roll_a_boat_are_a_notice_with_their_size_and_begin() -> None:
+    def rolling(t_s: Array) -> Array:
+        return np.where(t_s < 20.0, 2.0, 20.0) * np.sin(2.0 * t_s)
+
+    boat = MadeTable("PARM", [0], {"Name": ["FRAME_CLASS"], "Value": [2.0]})
+    keys = found(vessel("boat", roll_deg=rolling, armed_s=1.0, further=(boat,)))
+    assert set(keys) == {"attitude.upright", "attitude.rolling"}
+    assert keys["attitude.rolling"].severity == Severity.NOTICE
+    assert "rolled by 14° and pitched by 0° RMS" in keys["attitude.rolling"].sentence  # 20° / √2
+    begin_ns = keys["attitude.rolling"].evidence[0].at_ns
+    assert begin_ns is not None
+    assert 25.0 <= begin_ns / S <= 26.5  # the log begins at 5 s
+    assert set(found(vessel("rover", roll_deg=rolling, armed_s=1.0))) == {"attitude.upright"}
+
+
+def test_a_boat_that_is_stopped_by_an_obstacle_has_an_impact_of_its_own_size() -> None:
+    accel = at_rest()
+    accel[500:503, 0] -= 12.0
+    boat = MadeTable("PARM", [0], {"Name": ["FRAME_CLASS"], "Value": [2.0]})
+    finding = found(vessel("boat", armed_s=1.0, further=(boat, inertial(accel))))["attitude.impact"]
+    assert finding.evidence[0].at_ns is not None
+    assert abs(finding.evidence[0].at_ns - STAMPS[501]) <= S // 10
+    assert "attitude.impact" not in found(vessel("rover", armed_s=1.0, further=(inertial(accel),)))
+
+
+def test_a_wave_that_lifts_a_boat_is_no_impact() -> None:
+    accel = at_rest()
+    accel[500:503, 2] -= 12.0
+    boat = MadeTable("PARM", [0], {"Name": ["FRAME_CLASS"], "Value": [2.0]})
+    assert "attitude.impact" not in found(vessel("boat", armed_s=1.0, further=(boat, inertial(accel))))
 
 
 def test_heeling_to_sixty_degrees_is_a_warning() -> None:

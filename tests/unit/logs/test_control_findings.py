@@ -93,6 +93,14 @@ def test_a_vessel_that_lies_still_is_not_off_its_heading() -> None:
     assert "control.heading_off" not in found(log_of(steered(90.0, 200.0), attitude(200.0), speed))
 
 
+def test_a_vessel_that_turns_on_the_spot_is_off_its_heading() -> None:
+    speed = speeds(np.where(T_S < 5, 2.0, 0.0), 0.0)
+    motor = MadeTable("RCOU", STAMPS, {"C1": np.full(ROWS, 1800)})
+    names = {"SERVO1_FUNCTION": 73.0, "SERVO1_MIN": 1100.0, "SERVO1_MAX": 1900.0, "SERVO1_TRIM": 1500.0}
+    told = MadeTable("PARM", [0] * 4, {"Name": list(names), "Value": list(names.values())})
+    assert "control.heading_off" in found(log_of(steered(90.0, 200.0), attitude(200.0), speed, motor, told))
+
+
 @pytest.mark.parametrize(
     ("demanded", "achieved", "key"),
     [(2.0, 1.2, "control.too_slow"), (2.0, 3.2, "control.too_fast"), (-2.0, -1.0, "control.too_slow")],

@@ -187,6 +187,20 @@ def test_counts_of_16_bits_go_round() -> None:
 UNKNOWN = -1
 
 
+def test_repeated_frames_are_found_with_the_time_in_which_they_came() -> None:
+    counts = {count: [0, 0, 0, 0] for count in ("received", "dropped", "impaired", "lost", "gaps")} | {
+        "sent": [3000, 6000, 9000, 12000],
+        "repeated": [0, 200, 300, 300],
+    }
+    table = MadeTable("/links", SECOND * np.arange(4), {"name": np.array(["sensors"] * 4), **counts})
+    section = links.analyse(MadeLog(table, kind="mcap"))
+    assert section is not None
+    (finding,) = section.findings
+    assert (finding.key, finding.severity) == ("links.repeated", Severity.WARNING)  # 300 of 12000
+    assert finding.sentence.startswith("sensors: 300 frames arrived more than once, between")
+    assert (finding.evidence[0].at_ns, finding.evidence[0].until_ns) == (0, 2 * SECOND)
+
+
 @pytest.mark.parametrize(
     ("lost", "gaps", "said"),
     [

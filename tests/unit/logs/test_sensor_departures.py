@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_log import MadeTable
@@ -110,6 +112,18 @@ def test_a_bias_of_the_gyroscope_is_measured_by_the_heading_of_the_compass(bias_
     assert step.from_ns / S == pytest.approx(60.0, abs=1.0)
     assert step.until_ns is None
     assert np.degrees(step.size) == pytest.approx(np.array([0.0, 0.0, bias_degps]), abs=0.2)
+
+
+def test_a_bias_of_the_gyroscope_is_found_in_a_log_of_a_minute() -> None:
+    """Most of so short a log is near the onset."""
+    right = compass((0.0, 0.0, 0.0), 0.0, 0.0)
+    whole = unit(np.radians(2.5), 35.0)
+    rows = whole.stamp_ns < 60 * S
+    assert whole.gyro_radps is not None
+    short = replace(whole, stamp_ns=whole.stamp_ns[rows], gyro_radps=whole.gyro_radps[rows])
+    (step,) = gyro_steps(short, level(), level(), right)
+    assert step.from_ns / S == pytest.approx(35.0, abs=1.0)
+    assert np.degrees(step.size[2]) == pytest.approx(2.5, abs=0.3)
 
 
 def test_interference_of_the_compass_is_no_bias_of_the_gyroscope() -> None:

@@ -127,6 +127,19 @@ def test_a_stuck_magnetometer_while_the_vehicle_turns():
     assert keys(report(unit, mag(still))) == []
 
 
+@pytest.mark.parametrize(("speed_mps", "expected"), [(2.0, ["sensors.stuck"]), (0.0, [])])
+def test_a_barometer_under_way_that_repeats_a_value_is_stuck(speed_mps: float, expected: list[str]):
+    pressure_pa = 100_600.0 + np.random.default_rng(4).standard_normal(len(stamps(60.0)))
+    moving = MadeTable("GPS", stamps(60.0, 5.0), {"Spd": np.full(300, speed_mps)})
+    assert keys(report(imu(), baro(pressure_pa), moving)) == []
+    pressure_pa[1500:2000] = pressure_pa[1500]
+    assert keys(report(imu(), baro(pressure_pa), moving)) == expected
+
+
+def baro(pressure_pa: np.ndarray) -> MadeTable:
+    return MadeTable("BARO", stamps(60.0), {"Press": pressure_pa}, units={"Press": "Pa"})
+
+
 def mag(field: np.ndarray, **more: Any) -> MadeTable:
     columns = {f"Mag{axis}": field[:, place].astype(np.int16) for place, axis in enumerate("XYZ")}
     return MadeTable("MAG", stamps(len(field) / RATE_HZ), columns | more, units={"MagX": "mGauss"})

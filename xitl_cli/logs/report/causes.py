@@ -50,7 +50,7 @@ _ANSWERS = {
 _ERRORS = ("events.error", "events.said")
 _DEPARTED = (
     "sensors.field_step", "sensors.field_offset", "sensors.field_ramp", "sensors.field_drive", "sensors.pressure_step",
-    "sensors.gyro_bias", "actuation.gnss_drift",
+    "sensors.gyro_bias", "sensors.accel_bias", "actuation.gnss_drift",
 )  # fmt: skip
 _DRIVEN = ("actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered")
 _EKF = ("estimator", "events.error.16", "events.error.17", "events.error.24", "events.said.ekf_failsafe",
@@ -61,7 +61,7 @@ _HIT = (
     "attitude.impact", "attitude.contact", "attitude.overturned", "attitude.leaning", "control.attitude_lost",
     "control.rate_lost", "events.error.12", "events.error.25", "events.said.crash", "events.said.flight",
 )  # fmt: skip
-_MISJUDGED = ("attitude.overturned", "attitude.leaning", "attitude.doubtful")
+_MISJUDGED = ("attitude.overturned", "attitude.leaning", "attitude.rolling", "attitude.doubtful")
 """Findings on the estimated attitude, which inertial sensors determine."""
 _SILENT = ("links.silence", "links.sequence_loss", "links.loss", "radio.failsafe", "radio.none")
 
@@ -90,6 +90,12 @@ CAUSES = (
          "control.too_slow", "radio.too_slow", *_ACTED),
         30.0,
     ),
+    CauseRule(
+        ("actuation.battery_sag",),
+        ("power", "actuation.thrust_loss", "control", "radio.saturated", "radio.too_slow", "events.said.battery",
+         "events.error.6", *_ACTED),
+        30.0,
+    ),
     CauseRule(("vehicle.reboots", "events.watchdog"), ("sensors", "links", "time_bases", "scheduler", *_ERRORS), 10.0),
     CauseRule(("time_bases.step", "time_bases.rate_step"), ("sensors", "gnss.silent", "scheduler", "time_bases"), 2.0),
     CauseRule(
@@ -108,20 +114,27 @@ CAUSES = (
         (*_HIT, *_ERRORS, *_EKF, *_ACTED, *_PX4, "gnss", "sensors", "vibration", "radio", "control", "power"),
         15.0,
     ),
+    CauseRule(("attitude.rolling",), ("control", "radio", "actuation.unanswered", "missions.unfinished"), 15.0),
     CauseRule(("sensors.stopped_together",), ("gnss",), 2.0),
     CauseRule(("vibration",), ("sensors.saturated", "sensors.disagree", "vibration", "events.error.29", *_EKF), 5.0),
-    CauseRule(("gnss",), ("gnss", "events.error.11", "events.said.sensor", "arming.refused", *_EKF, *_ACTED), 30.0),
+    CauseRule(("gnss.fix_lost", "gnss.silent"), ("sensors.gap",), 10.0),  # of an external AHRS, which needs fixes
+    CauseRule(
+        ("gnss",),
+        ("gnss", "control", "radio.saturated", "radio.too_slow", "events.error.11", "events.said.sensor",
+         "arming.refused", *_DRIVEN, *_EKF, *_ACTED),
+        30.0,
+    ),
     CauseRule(
         ("sensors.gap", "sensors.stuck", "sensors.stopped_together", "sensors.unhealthy", "sensors.errors",
          "sensors.slow", "sensors.missing", "sensors.saturated", "sensors.compasses_disagree", "sensors.field_changes"),
         ("sensors", "gnss.silent", "events.error.3", "events.error.18", "events.error.26", "events.said.sensor",
-         "control", *_MISJUDGED, *_EKF, *_ACTED),
+         "control", *_MISJUDGED, *_DRIVEN, *_EKF, *_ACTED),
         10.0,
     ),
     CauseRule(
         _DEPARTED,
         ("sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", "sensors.disagree", "gnss",
-         "control", "radio.saturated", "radio.too_slow", *_MISJUDGED, *_EKF, *_ACTED),
+         "control", "radio.saturated", "radio.too_slow", *_MISJUDGED, *_DRIVEN, *_EKF, *_ACTED),
         30.0,
     ),
     CauseRule(
@@ -171,7 +184,8 @@ _FIRST = (
     "modes", "arming", "missions",
 )  # fmt: skip
 _SAME_S = 2.0
-_EVENT_S = 60.0
+_EVENT_S, _WHOLE_SHARE = 60.0, 0.9
+"""Longest event, and its largest share of a log."""
 _STATE_REACH_S = 60.0
 _AT_START_S = 10.0
 
@@ -202,6 +216,8 @@ class _Placed:
     """Number of the finding among all."""
     start_s: float
     """Beginning of its file."""
+    event_s: float
+    """Longest span of an event of its file; a longer one is a state."""
 
     @property
     def begin_s(self) -> float:
@@ -222,9 +238,9 @@ class _Placed:
 
     @property
     def lasts(self) -> bool:
-        """Whether it is an unintended state of the whole log rather than an event."""
+        """Whether it is an unintended state rather than an event."""
         longest_s = max((end - begin for begin, end in self.spans), default=math.inf)
-        return longest_s > _EVENT_S and not self.intended
+        return longest_s > self.event_s and not self.intended
 
     def explains_until_s(self, span: tuple[float, float], reach_s: float) -> float:
         """Latest beginning (s) of a consequence of this spell.
@@ -233,7 +249,7 @@ class _Placed:
         beginning is unknown, and only the reach of the rule counts.
         """
         begin_s, end_s = span
-        if end_s - begin_s <= _EVENT_S or self.intended:
+        if end_s - begin_s <= self.event_s or self.intended:
             return end_s + reach_s
         seen = begin_s > self.start_s + _AT_START_S
         return begin_s + max(reach_s, _STATE_REACH_S if seen else 0.0)
@@ -245,7 +261,9 @@ def group_findings(report: ReportedFiles) -> list[FindingGroup]:
     order = {id(file): place for place, file in enumerate(report.files)}
     placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]
     causes = [_cause(effect, placed) for effect in placed]
-    roots = [_root(place, causes, placed) for place in range(len(placed))]
+    first = [_root(place, causes, placed) for place in range(len(placed))]
+    # A root that has a cause, which would be too late for this finding, has no group of its own.
+    roots = [root if first[root] == root else place for place, root in enumerate(first)]
     groups = []
     for place, cause in enumerate(placed):
         if roots[place] != place:
@@ -266,8 +284,8 @@ def _placed(found: FileFinding, file: int, place: int) -> _Placed:
     )
     key = found.finding.key
     rank = min((place for place, kind in enumerate(_FIRST) if is_kind(key, (kind,))), default=len(_FIRST))
-    start_s = -math.inf if found.file.span_ns is None else line.second(found.file.span_ns[0])
-    return _Placed(found, tuple(spans), rank, file, place, start_s)
+    start_s, end_s = (-math.inf, math.inf) if found.file.span_ns is None else map(line.second, found.file.span_ns)
+    return _Placed(found, tuple(spans), rank, file, place, start_s, min(_EVENT_S, _WHOLE_SHARE * (end_s - start_s)))
 
 
 def is_kind(key: str, kinds: Sequence[str]) -> bool:
@@ -368,7 +386,7 @@ def _root(place: int, causes: Sequence[int | None], placed: Sequence[_Placed]) -
 CONTRADICTED = {
     "control.followed": (
         "control", "actuation.thrust_loss", "actuation.reversed", "actuation.stuck", "actuation.unanswered",
-        "actuation.gnss_drift", "sensors.field_step", "sensors.gyro_bias",
+        "actuation.gnss_drift", "sensors.field_step", "sensors.gyro_bias", "sensors.accel_bias",
     ),
     "attitude.upright": ("attitude.overturned", "attitude.leaning", "attitude.impact", "attitude.contact"),
     "links.whole": ("links.loss",),

@@ -6,7 +6,7 @@ the mode: a loop flown in ACRO gives no warning.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,11 +83,17 @@ def analyse(log: Log) -> Section | None:
         findings += _overturned(log, tilt, overturned, accelerometers, kind, parameters, clock)
         findings += _leaning(log, tilt, limits, [*overturned, *free], clock)
     shocks = find_shocks(inertial, limits)
+    if kind == "rover" and _is_boat(log, parameters):
+        bumps = (bump for unit in inertial for bump in find_bumps(unit) if clock.was_armed(bump.at_ns))
+        shocks = _distinct([*shocks, *bumps])
     findings += _impacts(log, shocks, overturned, clock)
     findings += _contacts(log, clock)
     if tilt is not None and not findings:
         steepest = float(tilt.tilt_deg.max())
-        findings.append(Finding.ok("attitude.upright", f"It kept upright, to {steepest:.0f}°, and hit nothing"))
+        shock = ", and felt no shock" if inertial or log.of_topics else ""
+        findings.append(Finding.ok("attitude.upright", f"It kept upright, to {steepest:.0f}°{shock}"))
+    if tilt is not None and kind == "rover" and _is_boat(log, parameters):
+        findings += _rolling(tilt, overturned, clock)
     facts: list[Fact] = []
     if tilt is not None:
         on: Flags = inside(tilt.stamp_ns, clock.armed) if clock.armed else np.ones(len(tilt.stamp_ns), dtype=np.bool_)
@@ -204,10 +210,17 @@ _SEVERITIES = {
 def _word(log: Log, kind: VehicleKind, parameters: Mapping[str, float]) -> str:
     if kind in ("copter", "plane"):
         return "was inverted"
+    return "capsized" if _is_boat(log, parameters) else "overturned"
+
+
+def _is_boat(log: Log, parameters: Mapping[str, float]) -> bool:
     beats = autopilot_heartbeats(log)
-    boat = parameters.get("FRAME_CLASS") == BOAT_FRAME or (firmware_text(log) or "").startswith("xitl ")
-    boat |= beats is not None and int(beats.values("type", raw=True)[0]) == SURFACE_BOAT
-    return "capsized" if boat or "/truth/state" in log.tables else "overturned"
+    return (
+        parameters.get("FRAME_CLASS") == BOAT_FRAME
+        or (firmware_text(log) or "").startswith("xitl ")
+        or (beats is not None and int(beats.values("type", raw=True)[0]) == SURFACE_BOAT)
+        or "/truth/state" in log.tables
+    )
 
 
 def _angles(tilt: TiltSeries, row: int) -> str:
@@ -269,6 +282,45 @@ def _leaning(
     )
 
 
+_ROLLING_DEG, _ROLLING_S = 8.0, 10.0
+"""Root mean square of roll and pitch together, in a window: twice the roll in which a crew works (4 deg, NATO
+STANAG 4154)."""
+
+
+def _rolling(tilt: TiltSeries, overturned: Sequence[tuple[int, int]], clock: LogClock) -> Iterator[Finding]:
+    """Roll and pitch in waves that are more than a boat is steered in; only while armed, without capsizes."""
+    sailing = inside(tilt.stamp_ns, clock.armed) & ~inside(tilt.stamp_ns, overturned)
+    stamps = tilt.stamp_ns[sailing]
+    if not len(stamps):
+        return
+    angles = np.stack([tilt.roll_deg, tilt.pitch_deg], axis=1)[sailing]
+    after = np.searchsorted(stamps, stamps + round(_ROLLING_S * 1e9))
+    begins = np.flatnonzero(after < len(stamps))
+    many = (after[begins] - begins)[:, None]
+    sums, squares = (np.concatenate([np.zeros((1, 2)), np.cumsum(values, axis=0)]) for values in (angles, angles**2))
+    mean = (sums[after[begins]] - sums[begins]) / many
+    variance = (squares[after[begins]] - squares[begins]) / many - mean**2
+    rms_deg = np.sqrt(np.maximum(variance, 0.0))
+    rolling = np.hypot(*rms_deg.T)
+    rough = np.flatnonzero(rolling > _ROLLING_DEG)
+    if not len(rough):
+        return
+    worst = int(rough[np.argmax(rolling[rough])])
+    roll_deg, pitch_deg = rms_deg[worst]
+    spans = []
+    for begin, end in spans_where(stamps[begins], rolling > _ROLLING_DEG, _ROLLING_S):
+        first = (stamps >= begin) & (stamps <= begin + round(_ROLLING_S * 1e9))
+        far = np.linalg.norm(angles[first] - np.median(angles[first], axis=0), axis=1) > _ROLLING_DEG
+        spans.append((int(stamps[first][np.argmax(far)]), end + round(_ROLLING_S * 1e9)))
+    yield Finding.notice(
+        "attitude.rolling",
+        f"It rolled by {roll_deg:.0f}° and pitched by {pitch_deg:.0f}° RMS in the ten seconds from "
+        f"{clock.text(int(stamps[begins[worst]]))}",
+        tuple(Evidence(tilt.source, tilt.field, begin, end) for begin, end in spans[:_MOST_EVIDENCE]),
+        "Look at the waves: a vessel that moves like this does not follow its mission well. Wait for calmer water.",
+    )
+
+
 _CLUSTER_NS = 1_000_000_000
 _BEFORE_NS = 3_000_000_000
 _JUST_BEFORE_NS = 250_000_000
@@ -320,9 +372,44 @@ def find_shocks(inertial: Sequence[InertialUnit], limits: MotionLimits) -> list[
                             at_ns, float(size[row]), usual, ends[0] if ends else None, unit.name, unit.table.name, field
                         )
                     )
-    found.sort(key=lambda shock: -shock.size_mps2)
+    return _distinct(found)
+
+
+_BUMP_MPS2, _BUMPS = 6.0, 20.0
+"""Least horizontal shock of a boat, and its least ratio to the usual one. Its thrusters and waves cause less: half of
+the gravity would be a wave with a slope of 30 degrees that comes within `_BUMP_S`."""
+_BUMP_S = 0.5
+_BUMP_HZ = 20.0
+
+
+def find_bumps(unit: InertialUnit) -> list[Shock]:
+    """Short horizontal forces on a boat, by time: waves and slamming act vertically, an obstacle stops it."""
+    if unit.accel_mps2 is None or len(unit.stamp_ns) < 2:
+        return []
+    known = np.isfinite(unit.accel_mps2).all(axis=1)
+    stamps, accel = unit.stamp_ns[known], unit.accel_mps2[known]
+    rate_hz = 1e9 * len(stamps) / max(int(stamps[-1]) - int(stamps[0]), 1) if len(stamps) else 0.0
+    half = round(_BUMP_S * rate_hz)
+    if rate_hz < _BUMP_HZ or len(stamps) <= 2 * half:
+        return []
+    level = accel[:, :2]
+    summed = np.concatenate([np.zeros((1, 2)), np.cumsum(level, axis=0)])
+    first, after = np.maximum(np.arange(len(level)) - half, 0), np.minimum(np.arange(len(level)) + half + 1, len(level))
+    apart = np.linalg.norm(level - (summed[after] - summed[first]) / (after - first)[:, None], axis=1)
+    usual = float(np.median(apart))
+    rows = np.flatnonzero(apart > max(_BUMP_MPS2, _BUMPS * usual))
+    size = np.linalg.norm(accel, axis=1)
+    field = (unit.accel_fields or unit.gyro_fields)[0]
+    return _distinct(
+        Shock(int(stamps[row]), float(size[row]), usual, None, unit.name, unit.table.name, field)
+        for row in rows.tolist()
+    )
+
+
+def _distinct(shocks: Iterable[Shock]) -> list[Shock]:
+    """The largest shock of each second, by time."""
     kept: list[Shock] = []
-    for shock in found:
+    for shock in sorted(shocks, key=lambda shock: -shock.size_mps2):
         if all(abs(shock.at_ns - other.at_ns) > _CLUSTER_NS for other in kept):
             kept.append(shock)
     return sorted(kept, key=lambda shock: shock.at_ns)
@@ -343,7 +430,7 @@ def _impacts(
         after = [] if by_hand else _consequences(log, these, overturned)
         grave = not by_hand and (bool(after) or worst.size_mps2 > 2.0 * limit)
         ends = "" if worst.range_g is None else f", the end of its range of {worst.range_g} g: it may have been more"
-        again = "" if len(these) == 1 else f" ({len(these)} times over {limit:.0f} m/s² without gravity)"
+        again = "" if len(these) == 1 else f" ({len(these)} times in all)"
         usual = f"; it shook by {worst.usual_mps2:.1f} m/s² before" if worst.usual_mps2 > 1.0 else ""
         yield Finding(
             "attitude.impact" if not by_hand else "attitude.knock",

@@ -23,8 +23,9 @@ from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.signals.series import column_series, first_instance, numbers, significant
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
-from xitl_cli.logs.signals.states import armed_rows, vehicle_kind
+from xitl_cli.logs.signals.states import armed_rows, parameter_values, vehicle_kind
 from xitl_cli.plugins.logs.analyses.attitude import free_attitude_spans
+from xitl_cli.plugins.logs.analyses.outputs import driven_outputs
 
 LONGEST_PAUSE_S = 2.0  # between rows: values in a longer pause are unknown
 LONGEST_DELAY_S = 10.0
@@ -390,15 +391,22 @@ def _heading(log: Log) -> Iterator[Tracking]:
     )
 
 
-_UNDER_WAY_MPS = 0.2
+_UNDER_WAY_MPS, _RUNNING = 0.2, 0.1
 
 
 def _under_way(log: Log, stamp_ns: Stamps) -> Flags:
-    """(N,) True if the setpoint of the speed is ahead, or is not logged: a vessel at rest does not steer."""
+    """(N,) True if the setpoint of the speed is ahead or not logged, or if a motor runs, as in a turn on the spot.
+
+    A vessel at rest does not steer.
+    """
     speed = column_series(log, "THR", "DesSpeed", "m/s")
     if speed is None or not (speed.values >= _UNDER_WAY_MPS).any():
         return np.ones(len(stamp_ns), dtype=np.bool_)
     ahead: Flags = ~(speed.interpolated(stamp_ns) < _UNDER_WAY_MPS)
+    for output in driven_outputs(log, parameter_values(log)):
+        if output.drives:
+            row = np.searchsorted(output.series.stamp_ns, stamp_ns, side="right") - 1
+            ahead |= (row >= 0) & (np.abs(np.nan_to_num(output.command))[np.maximum(row, 0)] > _RUNNING)
     return ahead
 
 

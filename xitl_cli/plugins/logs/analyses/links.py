@@ -299,6 +299,11 @@ _TROUBLES = {
     ),
     "unsent": ("frames were refused by the transport", "The link is too slow for its messages: lower their rates."),
     "refused": ("frames had a wrong signature, or none", "Use the same signing key at both ends."),
+    "repeated": ("frames arrived more than once", "Look for two paths or two senders of the same frames."),
+    "late": (
+        "frames arrived after later ones",
+        "Look for several paths to the receiver, such as a radio with retries or two networks.",
+    ),
 }
 """By count of /links: the fate of these frames, and the recommended action."""
 
@@ -378,6 +383,13 @@ def _sent_count(counts: dict[str, int | None]) -> int:
     return (counts["received"] or 0) - (counts["repeated"] or 0) + _lost(counts)
 
 
+def _growth(link: Table, count: str) -> list[tuple[int, int]]:
+    """Spells in which a count grew, each from the previous row."""
+    values = np.asarray(link.values(count, raw=True)).astype(np.int64)
+    grown = np.diff(np.maximum.accumulate(np.maximum(values, 0)), prepend=0) > 0
+    return spells(link.stamp_ns, grown | np.append(grown[1:], False))
+
+
 def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock: LogClock) -> Iterator[Finding]:
     lost, of = _lost(counts), _sent_count(counts)
     on_purpose = min(counts["impaired"] or 0, lost)
@@ -387,10 +399,7 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
         if ratio > LOSS_WARNING:
             severity = Severity.CRITICAL if ratio > LOSS_CRITICAL else Severity.WARNING
         field, least = ("gaps", "at least ") if counts["lost"] is None else ("lost", "")
-        # Episodes in which the count grew, each from the previous row.
-        values = np.asarray(link.values(field, raw=True)).astype(np.int64)
-        grown = np.diff(np.maximum.accumulate(np.maximum(values, 0)), prepend=0) > 0
-        spans = spells(link.stamp_ns, grown | np.append(grown[1:], False))
+        spans = _growth(link, field)
         when = f", between {clock.text(spans[0][0])} and {clock.text(spans[-1][1])}" if spans else ""
         purpose = "" if not on_purpose else ", all on purpose" if on_purpose == lost else f", {on_purpose} on purpose"
         yield Finding(
@@ -407,11 +416,14 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
         number_of = counts.get(count) or 0
         if number_of:
             share = number_of / max(of, 1)
+            spans = _growth(link, count)
+            when = f", between {clock.text(spans[0][0])} and {clock.text(spans[-1][1])}" if spans else ""
             yield Finding(
                 f"links.{count}",
                 Severity.WARNING if share > LOSS_WARNING else Severity.NOTICE,
-                f"{name}: {number_of} {what}",
-                (Evidence("/links", count, value=str(number_of)),),
+                f"{name}: {number_of} {what}{when}",
+                tuple(Evidence("/links", count, a, b, str(number_of)) for a, b in spans)
+                or (Evidence("/links", count, value=str(number_of)),),
                 step,
             )
     p99_s = _latest(link, "latency_p99_s")

@@ -49,6 +49,9 @@ _NOISE_FACTOR = 8.0
 _STEP_WINDOW_S = 0.8
 _SLOPE_WINDOW_S = 12.0
 _SLOPE_RATE_HZ = 5.0
+_MOST_CHANGES_OF_SLOPE = 50
+_SLOPE_LEFT = 0.07
+"""Most share of the squared residuals that a change of the slope leaves: 0.12 in waves that roll a vessel by 20 deg."""
 _OPPOSITE = 0.4
 _PA_PER_M = 12.0
 _MOST_ROWS = 2_000_000
@@ -71,6 +74,10 @@ class SensorStep:
     @property
     def length(self) -> float:
         return float(np.linalg.norm(self.size))
+
+    def text(self, clock: LogClock) -> str:
+        until = "the end of the log" if self.until_ns is None else clock.text(self.until_ns)
+        return f"from {clock.text(self.from_ns)} to {until}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +134,7 @@ def _of_field(log: Log, compass: SensorSeries, step: SensorStep, clock: LogClock
     return Finding.warning(
         "sensors.field_step",
         f"{compass.name}: the field is off by {step.length:.0f} {compass.unit} ({size}, body axes) "
-        f"{_span_text(step, clock)}, which turns its heading by {turned_deg:.1f} degrees; {follows}",
+        f"{step.text(clock)}, which turns its heading by {turned_deg:.1f} degrees; {follows}",
         (
             Evidence(
                 compass.message, compass.fields[0], step.from_ns, step.until_ns or end_ns, f"{step.length:.0f} mGauss"
@@ -178,7 +185,7 @@ def _of_pressure(baro: SensorSeries, step: SensorStep, clock: LogClock, end_ns: 
     pressure_pa = float(step.size[0])
     return Finding.warning(
         "sensors.pressure_step",
-        f"{baro.name}: the pressure is off by {pressure_pa:+.0f} Pa {_span_text(step, clock)}, as much as "
+        f"{baro.name}: the pressure is off by {pressure_pa:+.0f} Pa {step.text(clock)}, as much as "
         f"{-pressure_pa / _PA_PER_M:+.1f} m of height within a second",
         (Evidence(baro.message, baro.fields[0], step.from_ns, step.until_ns or end_ns, f"{pressure_pa:+.0f} Pa"),),
         "Look for water or wind at the port of the barometer; do not trust its height in this time.",
@@ -192,17 +199,11 @@ def _of_gyro(unit: InertialUnit, step: SensorStep, clock: LogClock, end_ns: int)
     field = unit.gyro_fields[axis] if len(unit.gyro_fields) == 3 else f"{unit.gyro_fields[0]}[{axis}]"
     return Finding.warning(
         "sensors.gyro_bias",
-        f"{unit.name}: the gyroscope is off by {size_degps:+.2f} deg/s on {'xyz'[axis]} {_span_text(step, clock)}, "
+        f"{unit.name}: the gyroscope is off by {size_degps:+.2f} deg/s on {'xyz'[axis]} {step.text(clock)}, "
         f"by {against[axis]}",
         (Evidence(unit.table.name, field, step.from_ns, step.until_ns or end_ns, f"{size_degps:+.2f} deg/s"),),
         "Calibrate it at rest and warm; a bias that begins at once is a fault of the sensor or its supply.",
     )
-
-
-def _span_text(step: SensorStep, clock: LogClock) -> str:
-    if step.until_ns is None:
-        return f"from {clock.text(step.from_ns)} to the end of the log"
-    return f"from {clock.text(step.from_ns)} to {clock.text(step.until_ns)}"
 
 
 def _heading_error_deg(compass: SensorSeries, step: SensorStep) -> float:
@@ -253,7 +254,7 @@ def field_steps(turns: Rotations | None, compass: SensorSeries) -> list[SensorSt
     rows, sizes = _steps(compass.stamp_ns, fixed, FIELD_STEP_MGAUSS)
     rows, sizes = _without_holds(compass, rows, sizes)
     body = [matrices[at[row]].T @ size for row, size in zip(rows, sizes, strict=True)]
-    return _paired([int(compass.stamp_ns[row]) for row in rows], body)
+    return paired_steps([int(compass.stamp_ns[row]) for row in rows], body)
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,7 +328,7 @@ def field_error(
 def pressure_steps(baro: SensorSeries, least_pa: float) -> list[SensorStep]:
     """Steps of the pressure (1,) in Pa."""
     rows, sizes = _without_holds(baro, *_steps(baro.stamp_ns, baro.values[:, :1], least_pa))
-    return _paired([int(baro.stamp_ns[row]) for row in rows], sizes)
+    return paired_steps([int(baro.stamp_ns[row]) for row in rows], sizes)
 
 
 def _without_holds(sensor: SensorSeries, rows: list[int], sizes: list[Floats]) -> tuple[list[int], list[Floats]]:
@@ -386,7 +387,7 @@ def _near(spans: Sequence[tuple[int, int]], rows: int) -> list[tuple[int, int]]:
     return joined
 
 
-def _paired(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
+def paired_steps(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
     """Each step with the next step that reverses it."""
     found, used = [], set[int]()
     for place, (from_ns, size) in enumerate(zip(at_ns, sizes, strict=True)):
@@ -467,7 +468,7 @@ def gyro_steps(
             if np.prod(slopes) > 0.0 and abs(lasting) > GYRO_STEP_RADPS:
                 rows, sizes = [0], [lasting]
         whole = [np.eye(3)[axis] * size for size in sizes]
-        steps += _paired([int(at_ns[row]) for row in rows], whole)
+        steps += paired_steps([int(at_ns[row]) for row in rows], whole)
     return sorted(steps, key=lambda step: step.from_ns)
 
 
@@ -505,7 +506,10 @@ def _heading(
 
 
 def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:
-    """Rows at which the slope of an angle (N,) changes, and the change (rad/s)."""
+    """Rows at which the slope of an angle (N,) changes, and the change (rad/s).
+
+    The noise is that of the angle without all changes of the slope, which fill a large part of a short log.
+    """
     half = round(_SLOPE_WINDOW_S * _SLOPE_RATE_HZ)
     line = (np.arange(2 * half) - half + 0.5) / _SLOPE_RATE_HZ
     common = [np.ones(2 * half), line]
@@ -513,17 +517,28 @@ def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:
         "slope": np.stack([*common, np.maximum(line, 0.0)], axis=1),
         "step": np.stack([*common, (line > 0.0).astype(np.float64)], axis=1),
     }
-    slope = np.zeros(len(apart))
-    slope[half : len(apart) - half + 1] = np.correlate(apart, np.linalg.pinv(designs["slope"])[2], mode="valid")
-    limit = max(GYRO_STEP_RADPS, _NOISE_FACTOR * float(np.median(np.abs(slope[half:-half]))))
+    weights = np.linalg.pinv(designs["slope"])[2]
+    time_s, straight = np.arange(len(apart)) / _SLOPE_RATE_HZ, apart
+    changes: dict[int, float] = {}
+    while True:
+        slope = np.correlate(straight, weights, mode="valid")
+        largest = int(np.argmax(np.abs(slope)))
+        if abs(slope[largest]) < GYRO_STEP_RADPS or len(changes) == _MOST_CHANGES_OF_SLOPE:
+            break
+        row = half + largest
+        changes[row] = changes.get(row, 0.0) + float(slope[largest])
+        straight = straight - slope[largest] * np.maximum(time_s - time_s[row], 0.0)
+    limit = max(GYRO_STEP_RADPS, _NOISE_FACTOR * float(np.median(np.abs(slope))))
     rows, sizes = [], []
-    for begin, after in _near(runs(np.abs(slope) > limit), half // 2):
-        row = begin + int(np.argmax(np.abs(slope[begin:after])))
+    for row, size in sorted(changes.items()):
         around = apart[row - half : row + half]
         left = {name: _rest(around, design) for name, design in designs.items()}
-        if left["slope"] < 0.5 * left["step"] and left["slope"] < 0.2 * _rest(around, designs["slope"][:, :2]):
+        clear = left["slope"] < 0.5 * left["step"] and left["slope"] < _SLOPE_LEFT * _rest(
+            around, designs["slope"][:, :2]
+        )
+        if abs(size) > limit and clear:
             rows.append(row)
-            sizes.append(float(slope[row]))
+            sizes.append(size)
     return rows, sizes
 
 

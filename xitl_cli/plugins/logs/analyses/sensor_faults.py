@@ -318,6 +318,8 @@ _TURN_DEG = 5.0
 _FAST_TURN_DEGPS = 3.0
 _MOVING_MPS = 0.3
 _UNEXPLAINED_S = 5.0
+_USUAL = 1.5
+"""Mean length of the runs of equal rows of a sensor with noise."""
 _GYRO_LEAST_RADPS = 2.0  # 115 deg/s: the smallest range on the market is 125
 _ACCEL_LEAST_MPS2 = 18.0  # the smallest range is 2 g
 _RATE_DROP = 0.8
@@ -398,13 +400,13 @@ def _stuck(
         from_ns, until_ns = (int(sensor.stamp_ns[row]) for row in (hold.first, hold.last))
         if _shared(sensor, from_ns, until_ns, others):
             continue
-        why = _moved(sensor.sort, from_ns, until_ns, turning, speed)
+        why = _moved(sensor, from_ns, until_ns, turning, speed)
         if why:
             certain.append((hold, why))
         elif (
             sensor.sort == "inertial unit"
             and until_ns - from_ns >= _UNEXPLAINED_S * 1e9
-            and (sensor.holding.usual < 1.5)
+            and sensor.holding.usual < _USUAL
         ):
             doubtful.append(hold)
     findings = []
@@ -441,12 +443,15 @@ def _shared(sensor: JudgedSensor, from_ns: int, until_ns: int, others: Sequence[
     return bool(alike)
 
 
-def _moved(sort: str, from_ns: int, until_ns: int, turning: Series | None, speed: Series | None) -> str:
+def _moved(sensor: JudgedSensor, from_ns: int, until_ns: int, turning: Series | None, speed: Series | None) -> str:
     """Motion that contradicts a constant value, as the end of a sentence; "" if there is none.
+
+    Motion does not change the value of a barometer, but its noise does: one that never repeats a value does not repeat
+    it for seconds. A simulated one without noise does at rest.
 
     Turns are those of the gyroscope, because a heading changes without a turn while the estimator searches for it.
     """
-    if turning is not None and sort == "magnetometer":
+    if turning is not None and sensor.sort == "magnetometer":
         # Range of the heading (deg), from the rate without its median. A slow median may be a bias; a fast
         # one is kept.
         inside = (turning.stamp_ns >= from_ns) & (turning.stamp_ns <= until_ns)
@@ -460,7 +465,8 @@ def _moved(sort: str, from_ns: int, until_ns: int, turning: Series | None, speed
             turned_deg = float(np.ptp(np.cumsum(rates[1:] * np.diff(stamps) * 1e-9)))
         if turned_deg > _TURN_DEG:
             return f"the vehicle turned by {turned_deg:.0f}°"
-    if speed is not None and sort == "inertial unit":
+    noisy = sensor.sort == "barometer" and sensor.holding.usual < _USUAL and until_ns - from_ns >= _UNEXPLAINED_S * 1e9
+    if speed is not None and (sensor.sort == "inertial unit" or noisy):
         inside = (speed.stamp_ns >= from_ns) & (speed.stamp_ns <= until_ns)
         if inside.any() and (fast := float(np.median(speed.values[inside]))) > _MOVING_MPS:
             return f"the vehicle made {fast:.2g} m/s"

@@ -19,6 +19,7 @@ from xitl_cli.logs.signals.series import significant
 from xitl_cli.logs.signals.spans import log_pauses
 from xitl_cli.logs.signals.states import armed_rows, parameter_values, sensors_simulated
 from xitl_cli.plugins.logs.analyses import sensor_faults
+from xitl_cli.plugins.logs.analyses.accelerometer_bias import accelerometer_findings
 from xitl_cli.plugins.logs.analyses.sensor_departures import departure_findings
 from xitl_cli.plugins.logs.analyses.sensor_quality import agreement_section, noise_section
 
@@ -29,7 +30,9 @@ def analyse(log: Log) -> Section | None:
     """Section on sensors; None if the log has no sensor and is not of a vehicle."""
     clock = LogClock(log)
     inertial, plain = inertial_units(log), sensor_series(log)
-    departures = Section("sensors", _TITLE, findings=departure_findings(log, clock))
+    departures = Section(
+        "sensors", _TITLE, findings=(*departure_findings(log, clock), *accelerometer_findings(log, clock))
+    )
     if not inertial and not plain:
         if log.of_topics:
             return departures if departures.findings else None

@@ -1,0 +1,92 @@
+"""A bias of an accelerometer against a made path whose onset, end and size are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_log import MadeTable
+from numpy.typing import NDArray
+
+from xitl_cli.logs.signals.sensors import STANDARD_GRAVITY_MPS2, InertialUnit, SampleTimes
+from xitl_cli.logs.signals.series import Series
+from xitl_cli.plugins.logs.analyses.accelerometer_bias import accelerometer_steps
+
+S = 1_000_000_000
+END_S, ONSET_S = 90.0, 45.0
+Array = NDArray[np.float64]
+
+
+def yaw_rad(time_s: Array) -> Array:
+    return 1.2 * np.sin(0.25 * time_s)
+
+
+def speed_mps(time_s: Array) -> Array:
+    return 2.0 + 0.5 * np.sin(0.4 * time_s)
+
+
+def unit(bias_mps2: tuple[float, float, float], until_s: float = END_S + 1.0) -> InertialUnit:
+    """Level vessel that goes ahead: thrust along x, and the turn along y."""
+    rng = np.random.default_rng(2)
+    time_s = np.arange(0.0, END_S, 0.01)
+    rate = np.gradient(yaw_rad(time_s), time_s)
+    force = np.stack(
+        [np.gradient(speed_mps(time_s), time_s), speed_mps(time_s) * rate, np.full(len(rate), -STANDARD_GRAVITY_MPS2)],
+        axis=1,
+    )
+    force += 0.2 * rng.normal(size=force.shape)
+    force[(time_s >= ONSET_S) & (time_s < until_s)] += bias_mps2
+    gyro = np.stack([np.zeros(len(rate)), np.zeros(len(rate)), rate], axis=1) + 0.002 * rng.normal(size=force.shape)
+    stamp_ns = np.round(time_s * S).astype(np.int64)
+    table = MadeTable("IMU", stamp_ns, {})
+    fields = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
+    return InertialUnit("IMU[0]", table, stamp_ns, SampleTimes(stamp_ns), gyro, force, *fields, None, None, None, None)
+
+
+def attitude_deg(tilted_deg: float = 0.0) -> list[Series]:
+    """Roll, pitch and yaw of an estimate whose pitch follows a bias within seconds."""
+    time_s = np.arange(0.0, END_S, 0.1)
+    stamp_ns = np.round(time_s * S).astype(np.int64)
+    pitch = tilted_deg * (1.0 - np.exp(-np.maximum(time_s - ONSET_S, 0.0) / 3.0))
+    values = np.zeros(len(time_s)), pitch, np.degrees(yaw_rad(time_s))
+    return [Series(stamp_ns, angle, "deg", "ATT") for angle in values]
+
+
+def velocity(step_mps: float = 0.0) -> Series:
+    rng = np.random.default_rng(4)
+    time_s = np.arange(0.0, END_S, 0.2)
+    psi, speed = yaw_rad(time_s), speed_mps(time_s)
+    values = np.stack([speed * np.cos(psi), speed * np.sin(psi), np.zeros(len(psi))], axis=1)
+    values += 0.05 * rng.normal(size=values.shape)
+    values[time_s >= ONSET_S, 0] += step_mps
+    return Series(np.round(time_s * S).astype(np.int64), values, "m/s", "GPS")
+
+
+@pytest.mark.parametrize("bias", [(0.6, 0.0, 0.0), (0.0, -0.8, 0.0), (0.3, 0.2, 0.7)])
+def test_a_bias_has_its_onset_and_size(bias: tuple[float, float, float]) -> None:
+    tilted_deg = float(np.degrees(np.arcsin(bias[0] / STANDARD_GRAVITY_MPS2)))
+    (step,) = accelerometer_steps(unit(bias), attitude_deg(tilted_deg), velocity())
+    assert step.from_ns == pytest.approx(ONSET_S * S, abs=S)
+    assert step.until_ns is None
+    assert step.size == pytest.approx(np.array(bias), abs=0.15)
+
+
+def test_a_bias_that_ends_has_an_end() -> None:
+    (step,) = accelerometer_steps(unit((0.9, 0.0, 0.0), 63.0), attitude_deg(), velocity())
+    assert step.until_ns == pytest.approx(63.0 * S, abs=S)
+
+
+def test_a_sound_accelerometer_and_a_wrong_velocity_have_no_bias() -> None:
+    assert accelerometer_steps(unit((0.0, 0.0, 0.0)), attitude_deg(), velocity()) == []
+    assert accelerometer_steps(unit((0.0, 0.0, 0.0)), attitude_deg(), velocity(1.5)) == []
+
+
+def test_a_velocity_that_repeats_or_is_missing_shows_no_bias() -> None:
+    sound = velocity()
+    frozen = sound.values.copy()
+    held = (sound.stamp_ns > ONSET_S * S) & (sound.stamp_ns < 60.0 * S)
+    frozen[held] = frozen[np.flatnonzero(held)[0]]
+    for series in (
+        Series(sound.stamp_ns, frozen, "m/s", "GPS"),
+        Series(sound.stamp_ns[~held], sound.values[~held], "m/s", "GPS"),
+    ):
+        assert accelerometer_steps(unit((0.0, 0.0, 0.0)), attitude_deg(), series) == []
