@@ -6,7 +6,7 @@ AGENT_VENV := build/agent-python
 LOWEST_VENV := build/lowest
 # Tests that need no extra, and the implementations with which they compare.
 LOWEST_TESTS := tests/unit/graph tests/unit/commands tests/unit/record tests/unit/sim_core
-LOWEST_ORACLES := mcap-ros2-support pymap3d pyproj scipy trimesh
+LOWEST_ORACLES := mcap-ros2-support opencv-python-headless pymap3d pyproj scipy trimesh
 BIN := $(VENV)/bin
 # Errors and warnings alone, so that a first `make run` shows the run and not a hundred lines of pip.
 PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check --no-input -c constraints.txt
@@ -58,7 +58,7 @@ test:  ## all tests, one stage after the other
 	$(MAKE) test-slow
 	$(MAKE) test-realtime
 
-test-fast: $(VENV)/.dev  ## the tests to run all day: up to 0.2 s of processor time each (PYTEST=arguments)
+test-fast: $(VENV)/.dev  ## the tests to run all day: up to 0.1 s of processor time each (PYTEST=arguments)
 	$(FAST_WORKERS) $(BIN)/python -m pytest -m "not medium and not slow and not realtime" -n auto $(PYTEST)
 
 test-medium: $(VENV)/.dev  ## those that take up to 2 s of processor time each

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-LIMIT_S = 0.2
+LIMIT_S = 0.1
 """Of a test of `make test-fast`, with the processes that it started and waited for."""
 LATER = ("medium", "slow", "realtime")
 _PROPERTY, _OPTION = "processor_s", "--processor-time"

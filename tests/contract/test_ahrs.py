@@ -127,6 +127,7 @@ def keep_together(unit: Ahrs | JsonWorld, double: Double) -> None:
     )
 
 
+@pytest.mark.medium
 def test_the_autopilot_sees_what_the_sensors_measure(unit: Ahrs, autopilot: Double | Real) -> None:
     vessel = Vessel(unit)
     run_in_real_time(vessel, autopilot, 40.0)
@@ -148,6 +149,7 @@ def test_the_autopilot_sees_what_the_sensors_measure(unit: Ahrs, autopilot: Doub
     assert unit.counts.junk == 0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("autopilot", ["double"], indirect=True)
 def test_no_frame_is_lost_or_damaged(unit: Ahrs, autopilot: Double) -> None:
     run_in_real_time(Vessel(unit), autopilot, 40.0)
@@ -156,6 +158,7 @@ def test_no_frame_is_lost_or_damaged(unit: Ahrs, autopilot: Double) -> None:
     assert autopilot.bad == 0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["vectornav"], indirect=True)
 @pytest.mark.parametrize("autopilot", ["double"], indirect=True)
 def test_the_set_up_of_a_real_rover(unit: Ahrs, autopilot: Double) -> None:

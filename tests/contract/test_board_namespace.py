@@ -103,6 +103,7 @@ def proxied(board: EmulatedBoard, port: int) -> tuple[bytes, str]:
             return connection.recv(100), done.stderr
 
 
+@pytest.mark.medium
 def test_ssh_is_given_a_connection_made_in_the_namespace(board: EmulatedBoard) -> None:
     port = int((board.folder / "port").read_text())
     assert proxied(board, port) == (b"it is me", "")

@@ -100,6 +100,7 @@ def _pulses() -> dict[int, tuple[int, ...]]:
     return replayed_pulses(CAPTURE)
 
 
+@pytest.mark.medium
 def test_every_frame_up_to_the_tick_is_told_and_taken(world: JsonWorld, autopilot: Autopilot) -> None:
     host = Host(world)
     host.run(3.0)
@@ -118,6 +119,7 @@ def test_every_frame_up_to_the_tick_is_told_and_taken(world: JsonWorld, autopilo
     assert all(pulse == 0 or 800 <= pulse <= 2200 for pulse in pulses)
 
 
+@pytest.mark.medium
 def test_outputs_are_those_of_the_last_exchange(world: JsonWorld) -> None:
     pulses = _pulses()
     double = Double(pulses)
@@ -133,6 +135,7 @@ def test_outputs_are_those_of_the_last_exchange(world: JsonWorld) -> None:
     assert len({pulses[0] for pulses in seen}) > 50
 
 
+@pytest.mark.medium
 def test_the_motion_between_ticks_is_that_of_the_circle(world: JsonWorld) -> None:
     double = Double()
     double.start(world.address)
@@ -215,6 +218,7 @@ def test_a_lost_answer_is_given_again(world: JsonWorld) -> None:
     assert stamps[-1] == pytest.approx(0.3, abs=1e-6)
 
 
+@pytest.mark.medium
 def test_a_restart_is_noticed_and_served_from_where_the_run_is(world: JsonWorld, autopilot: Autopilot) -> None:
     host = Host(world)
     host.run(1.0)
@@ -302,6 +306,7 @@ def test_an_autopilot_that_is_slow_to_start_gets_its_first_packet_answered_at_th
         ports.close()
 
 
+@pytest.mark.medium
 def test_after_a_run_the_vessel_goes_on_as_it_was(world: JsonWorld, autopilot: Autopilot) -> None:
     """So that the autopilot can end in order: it hears that it is to end only between two frames."""
     host = Host(world)

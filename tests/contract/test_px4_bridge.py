@@ -136,6 +136,7 @@ def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
         yield Host(opened, taken.getsockname()[1])
 
 
+@pytest.mark.medium
 def test_the_motors_of_a_tick_are_what_px4_put_out_for_its_sample(host: Host) -> None:
     put_out: dict[int, Any] = {}
     for frame, message in captured(OUTPUTS, "HIL_ACTUATOR_CONTROLS"):
@@ -195,6 +196,7 @@ def test_every_position_of_px4_makes_an_estimate() -> None:
     assert len(estimates) == pytest.approx(positions, abs=1)
 
 
+@pytest.mark.medium
 def test_a_run_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the samples before PX4 arms to those after it."""
     monkeypatch.setattr(px4, "PATIENCE_S", PATIENCE_S)

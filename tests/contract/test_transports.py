@@ -149,6 +149,7 @@ def test_an_address_in_use_is_said_in_one_sentence(scheme: str, golden: Golden) 
     open_transport(first.address, listen=True).close()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("scheme", LISTENING)
 def test_a_restarted_listener_is_reached_again(scheme: str) -> None:
     listening = open_transport(LISTENING[scheme], listen=True)
@@ -300,6 +301,7 @@ def test_tcp_many_call_one_listener() -> None:
     listener.close()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("patient", [False, True])
 def test_tcp_a_link_that_waits_for_room_loses_nothing_to_a_reader_that_is_busy(patient: bool) -> None:
     listening, calling = tcp_pair()

@@ -39,6 +39,7 @@ def test_json_has_the_exchanges_with_an_agent_that_runs() -> None:
     assert report["links"][0]["samples"] > 0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -36,6 +36,7 @@ def test_info_of_several_files_and_one_that_is_none(xitl: Xitl, tmp_path: Path, 
     assert max(map(len, lines)) <= 80
 
 
+@pytest.mark.medium
 def test_info_as_json(logs: Run) -> None:
     told = logs("info", "--json", str(CALM), "nowhere.bin")
     assert told.returncode == 2
@@ -50,6 +51,7 @@ def test_info_as_json(logs: Run) -> None:
     assert log["health"]["degraded"] is False
 
 
+@pytest.mark.medium
 def test_info_of_a_damaged_log_says_where(logs: Run, tmp_path: Path) -> None:
     data = bytearray(CALM.read_bytes())
     data[3_000_000:3_000_100] = bytes(100)
@@ -81,6 +83,7 @@ def test_dump_several_messages_in_the_order_of_the_file(logs: Run) -> None:
     assert {"message": "MSG", "time_s": 42.433853, "fields": {"TimeUS": 42433853, "Message": "Throttle armed"}} in rows
 
 
+@pytest.mark.medium
 def test_messages_that_a_log_has_no_row_of_and_fields_that_one_lacks_are_said(logs: Run) -> None:
     told = logs("dump", str(CALM), "PM,EV", "--where", "NLon > 0", "--from", "60", "--until", "120")
     assert told.returncode == 0
@@ -99,6 +102,7 @@ def test_messages_that_a_log_has_no_row_of_and_fields_that_one_lacks_are_said(lo
     assert_one_line_error(logs("dump", str(CALM), "PM,EVV"), "'EVV'")
 
 
+@pytest.mark.medium
 def test_dump_raw_values_and_nothing(logs: Run) -> None:
     told = logs("dump", str(MISSION_TLOG), "GLOBAL_POSITION_INT", "--raw", "--json", "--limit", "1")
     assert isinstance(json.loads(told.stdout)["fields"]["lat"], int)
@@ -107,6 +111,7 @@ def test_dump_raw_values_and_nothing(logs: Run) -> None:
     assert told.stderr == f"{CALM}: no row of ATT matches\n"
 
 
+@pytest.mark.medium
 def test_dump_ends_quietly_when_its_reader_has_enough(tmp_path: Path) -> None:
     process = subprocess.Popen(
         command("logs", "dump", str(CALM), "IMU"),
@@ -200,6 +205,7 @@ def test_every_command_names_the_repair_of_what_was_never_closed(
     assert "`xitl logs repair`" in words
 
 
+@pytest.mark.medium
 def test_export(logs: Run, tmp_path: Path) -> None:
     told = logs("export", str(CALM), "ATT", "GPS", "--until", "60", "--out", "out")
     assert told.returncode == 0

@@ -51,6 +51,7 @@ def path(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return only
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("prefix", ["", "xitl.", "console_scripts"])
 def test_this_installation_has_the_entry_points_of_importlib(prefix: str) -> None:
     assert sorted(rows(prefix)) == sorted(rows_of_library(prefix))

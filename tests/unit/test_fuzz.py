@@ -38,6 +38,7 @@ def damaged(data: bytes, draw: random.Random) -> bytes:
     return bytes(changed)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_damaged_input_is_read_or_refused(name: str) -> None:
     target, draw = TARGETS[name], random.Random(name)

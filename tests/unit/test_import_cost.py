@@ -25,6 +25,7 @@ OF_EXTRAS = (
 )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("loading", "allowed"),
     [
@@ -85,17 +86,20 @@ def loaded_by(arguments: tuple[str, ...]) -> tuple[int, list[str]]:
     return int(reads), modules
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("arguments", "most"), [(("--help",), 32), (SIM, 304)])
 def test_commands_import_few_modules_of_xitl(arguments: tuple[str, ...], most: int) -> None:
     _, modules = loaded_by(arguments)
     assert len([name for name in modules if name.split(".")[0] in OWN]) <= most
 
 
+@pytest.mark.medium
 def test_a_run_imports_no_module_of_other_profiles() -> None:
     _, modules = loaded_by(SIM)
     assert set(NOT_IN_SITL).isdisjoint(modules)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("arguments", [("campaign", "controllers", "--dry-run"), ("--help",), ("profiles", "list")])
 def test_commands_of_a_base_install_run_without_packages_of_extras(arguments: tuple[str, ...]) -> None:
     program = (
@@ -106,6 +110,7 @@ def test_commands_of_a_base_install_run_without_packages_of_extras(arguments: tu
     assert ran.returncode == 0, ran.stderr
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("arguments", "most"), [(SIM, 1), (("wdri", "sitl"), 1), (("profiles", "show", "sitl"), 1), (("doctor", "-h"), 0)]
 )

@@ -183,6 +183,7 @@ def test_the_rule_allows(path: str, source: str) -> None:
     assert breaches(path.partition("/")[0], imports_in(source, path)) == []
 
 
+@pytest.mark.medium
 def test_a_log_is_read_without_the_rest_of_xitl_cli(tmp_path: Path) -> None:
     fmt = struct.pack("<BBBBB4s16s64s", 0xA3, 0x95, 0x80, 129, 3 + 8 + 4, b"ATT", b"Qf", b"TimeUS,Roll")
     rows = [struct.pack("<BBBQf", 0xA3, 0x95, 129, number * 1000, 0.5) for number in range(9)]

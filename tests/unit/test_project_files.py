@@ -126,6 +126,7 @@ def test_what_has_to_pass_is_what_the_workflow_runs() -> None:
     assert set(checks[1].split()) == {"lint", "types", "check-dialect", "docs", "wheel"} <= TARGETS
 
 
+@pytest.mark.medium
 def test_every_hook_is_local_and_starts_what_is_there() -> None:
     repositories = read(".pre-commit-config.yaml")["repos"]
     assert [repository["repo"] for repository in repositories] == ["local"]

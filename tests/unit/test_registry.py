@@ -103,6 +103,7 @@ def declared() -> dict[str, Command]:
     return {**CORE_COMMANDS, **dict(registry.load_all(registry.COMMANDS))}
 
 
+@pytest.mark.medium
 def test_the_declared_sentence_is_that_of_the_command() -> None:
     whole = typer.main.get_command(xitl_app())
     for name, command in declared().items():
@@ -116,6 +117,7 @@ def test_commands_of_xitls_own_plug_ins_are_known_where_one_is_missing() -> None
     assert set(OWN_PLUGIN_COMMANDS) == set(registry.names(registry.COMMANDS))
 
 
+@pytest.mark.medium
 def test_help_loads_no_command() -> None:
     program = (
         "import sys; from xitl_cli.main import _app; _app(['--help']); "

@@ -74,6 +74,7 @@ def test_a_package_that_is_not_installed_is_named(tmp_path: Path, monkeypatch: p
         bill_of_materials("raft", [])
 
 
+@pytest.mark.medium
 def test_the_bill_of_xitl_has_its_own_dependencies() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = {normal_name(line.split(">=")[0]) for line in project["dependencies"]}

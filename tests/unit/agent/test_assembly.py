@@ -181,6 +181,7 @@ def line_of(process: subprocess.Popen[str]) -> str:
     return process.stdout.readline()
 
 
+@pytest.mark.medium
 def test_the_first_line_says_where_it_waits_and_a_host_can_call() -> None:
     with started("--link", "udp://127.0.0.1:0", "--role", "companion") as process:
         line = line_of(process)
@@ -199,12 +200,14 @@ def test_the_first_line_says_where_it_waits_and_a_host_can_call() -> None:
     assert (process.returncode, error) == (0, "")
 
 
+@pytest.mark.medium
 def test_what_is_not_permitted_is_said_after_the_first_line() -> None:
     with started("--link", "udp://127.0.0.1:0", "--cpu", "4000") as process:
         assert " embedded autopilot waits at udp://" in line_of(process)
         assert line_of(process).startswith("not pinned: processor 4000 is not available; use one of ")
 
 
+@pytest.mark.medium
 def test_a_refusal_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     (tmp_path / "agent.ini").write_text("[agent]\nlinc = udp://127.0.0.1:0\n")
     for words in (["--config", str(tmp_path / "agent.ini")], ["--realtime", "0"], ["--link", "bus://x"]):
@@ -215,6 +218,7 @@ def test_a_refusal_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
         assert error.count("\n") == 1
 
 
+@pytest.mark.medium
 def test_an_embedded_autopilot_loads_nothing_of_the_bridges() -> None:
     program = """
 import sys

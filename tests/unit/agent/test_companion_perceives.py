@@ -72,6 +72,7 @@ def test_clouds_become_poses_and_a_map() -> None:
     assert 1_000 < status.map_points < 0.15 * 26_600 + 1_000
 
 
+@pytest.mark.medium
 def test_each_tick_is_answered_with_itself() -> None:
     companion = Companion()
     companion.clouds(2)
@@ -98,6 +99,7 @@ def test_a_lost_cloud_is_a_longer_step() -> None:
     assert (status.clouds, status.poses, status.poses_refused) == (5, 5, 0)
 
 
+@pytest.mark.medium
 def test_clouds_of_damage_do_no_harm() -> None:
     companion = Companion()
     companion.clouds(3)

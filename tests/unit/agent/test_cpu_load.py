@@ -54,6 +54,7 @@ def test_it_takes_time() -> None:
         load.close()
 
 
+@pytest.mark.medium
 def test_it_ends_with_who_started_it_even_by_a_kill() -> None:
     program = """
 import os, signal, sys

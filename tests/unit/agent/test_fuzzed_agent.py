@@ -44,6 +44,7 @@ def agent() -> Iterator[tuple[Transport, AgentNode]]:
         yield here, node
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", [1, 2])
 def test_any_frames_from_both_sides(agent: tuple[Transport, AgentNode], seed: int) -> None:
     host, node = agent

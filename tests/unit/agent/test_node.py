@@ -161,6 +161,7 @@ def test_a_host_that_is_gone_takes_its_run_with_it() -> None:
     assert host.run(HELLO)[-1].running == 0
 
 
+@pytest.mark.medium
 def test_silence_does_not_matter_when_it_may_last_or_in_lockstep() -> None:
     for host, mode in ((Host(silence_s=0.0), REALTIME), (Host(silence_s=1.0), LOCKSTEP)):
         host.run(START, mode)

@@ -54,6 +54,7 @@ def test_answers_to_run_pass_whatever_the_faults(host: Host) -> None:
     assert said[-1].frames_impaired == 0
 
 
+@pytest.mark.medium
 def test_the_share_that_is_lost_is_the_share_asked_for(host: Host) -> None:
     said = lived(host, 20.0, loss=0.25, seed=3)
     # 1000 actuators: 250 of them lost, give or take three standard deviations of 13.7.

@@ -135,6 +135,7 @@ def test_between_runs_it_beats_and_serves(bench: Bench) -> None:
     assert bench.host.receive() == []
 
 
+@pytest.mark.medium
 def test_in_lockstep_the_ticks_set_the_pace_and_the_heart_beats_on(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,6 +222,7 @@ def test_the_flight_log_is_fed() -> None:
     assert log.calls["log_event"] >= 2  # armed by force, disarmed at the end
 
 
+@pytest.mark.medium
 def test_the_host_hears_the_same_with_and_without_ground_stations() -> None:
     """But for the statistics of the one task more."""
     heard = []
@@ -238,6 +240,7 @@ def test_the_host_hears_the_same_with_and_without_ground_stations() -> None:
     assert heard[0] == heard[1]
 
 
+@pytest.mark.medium
 @settings(max_examples=60)
 @given(st.lists(st.binary(max_size=400), max_size=8))
 def test_bytes_of_any_kind_from_a_station_raise_nothing(chunks: list[bytes]) -> None:

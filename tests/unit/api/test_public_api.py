@@ -55,6 +55,7 @@ def test_a_run_is_simulated_kept_and_read(tmp_path: Path) -> None:
     assert np.hypot(*(position_ned_m[-1, :2] - [24.0, 18.0])) < 5.0
 
 
+@pytest.mark.medium
 def test_a_run_that_is_cut_short_is_a_result(tmp_path: Path) -> None:
     result = xitl.simulate("mitl", duration_s=1.0, out=str(tmp_path / "run"))
     assert not result.completed
@@ -85,6 +86,7 @@ def test_the_example_runs_as_it_is(tmp_path: Path) -> None:
     assert (tmp_path / "plot_a_run.png").stat().st_size > 10_000
 
 
+@pytest.mark.medium
 def test_a_loaded_profile_runs_and_takes_no_more_overrides(tmp_path: Path) -> None:
     profile = xitl.load_profile("mitl", {"clock.duration_s": 0.5})
     assert xitl.simulate(profile, out=tmp_path / "run").summary["duration_s"] == pytest.approx(0.5)

@@ -20,6 +20,7 @@ FAULTY = Outcome("gnss-loss", "GNSS", 1, 30.0, (RIGHT,), True, ())
 CLEAN = Outcome("otter/current-waves", NONE, 1, None, (), False, ())
 
 
+@pytest.mark.medium
 def test_the_cases_of_a_seed_repeat_and_those_of_another_differ() -> None:
     one, again, other = list(cases(1)), list(cases(1)), list(cases(2))
     assert one == again
@@ -37,6 +38,7 @@ def test_a_fault_begins_at_its_onset_and_has_a_drawn_size() -> None:
     assert 0.3 <= fault["gnss"]["drift_mps"] <= 0.8
 
 
+@pytest.mark.medium
 def test_a_case_with_ardupilot_has_the_size_and_causes_of_its_embedded_twin() -> None:
     embedded = {case.name: case for case in cases(4)}
     for case in ardupilot_cases(4):
@@ -92,6 +94,7 @@ def test_tables_have_a_row_for_each_group() -> None:
     ]
 
 
+@pytest.mark.medium
 def test_a_stopped_measurement_continues_in_its_file(tmp_path: Path) -> None:
     run = replace(this_run(FULL), changed=False)
     file = analyze.ResultsFile(tmp_path / "deep" / "x.jsonl")
@@ -104,6 +107,7 @@ def test_a_stopped_measurement_continues_in_its_file(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.medium
 def test_results_of_another_commit_are_not_mixed(tmp_path: Path) -> None:
     run = replace(this_run(FULL), changed=False)
     file = analyze.ResultsFile(tmp_path / "x.jsonl")
@@ -124,6 +128,7 @@ def test_results_of_some_cases_are_not_kept(tmp_path: Path) -> None:
         analyze.keep(file)
 
 
+@pytest.mark.medium
 def test_the_tables_of_the_page_are_those_of_the_kept_results() -> None:
     """Write them with `python -m tests.bench.analyze --keep FILE`."""
     stored = analyze.PAGE.read_text(encoding="utf-8")

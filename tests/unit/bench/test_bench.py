@@ -113,6 +113,7 @@ def test_whether_a_change_is_an_improvement_is_known_by_the_limit(wanted: str, f
     assert compare(a, b, paired=True)[0].verdict == verdict
 
 
+@pytest.mark.medium
 def test_the_interval_of_independent_values_covers_the_true_ratio() -> None:
     rng = np.random.default_rng(3)
     covered = 0

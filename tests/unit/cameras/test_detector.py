@@ -25,6 +25,7 @@ def river() -> np.ndarray:
     return np.clip(image + default_rng(1).normal(0.0, 3.0, image.shape), 0, 255).astype(np.uint8)
 
 
+@pytest.mark.medium
 def test_an_orange_line_on_the_water_is_a_boom() -> None:
     image = river()
     image[150:160, 96:240] = (225, 95, 25)

@@ -291,6 +291,7 @@ def test_vignetting_darkens_the_corners_by_its_share_of_the_light() -> None:
     assert image[0, 0, 0] == pytest.approx(200 * math.sqrt(1.0 - 0.36), abs=1.0)
 
 
+@pytest.mark.medium
 def test_sky_and_water_meet_at_the_horizon() -> None:
     none = model(moved(box((1.0, 1.0, 1.0), STEEL), (-500.0, 0.0, 0.0)))
     renderer = Renderer({"one": none})

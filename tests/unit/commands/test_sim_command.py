@@ -25,6 +25,7 @@ def somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("named", [("mitl",), ("--profile", "mitl"), ("-p", "mitl")])
 def test_the_profile_is_named_by_its_place_or_by_option(named: tuple[str, ...], tmp_path: Path) -> None:
     assert sim(*named, "--duration", "0.1", "--out", "run") == 0
@@ -36,6 +37,7 @@ def test_two_profiles_are_one_too_many(capsys: pytest.CaptureFixture[str], golde
     golden("stderr", capsys.readouterr().err)
 
 
+@pytest.mark.medium
 def test_a_duration_that_was_asked_for_is_success_and_the_limit_of_a_profile_is_not(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -45,6 +47,7 @@ def test_a_duration_that_was_asked_for_is_success_and_the_limit_of_a_profile_is_
     assert "not completed: duration reached" in capsys.readouterr().out
 
 
+@pytest.mark.medium
 def test_what_is_in_a_path_is_printed_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert sim("mitl", "--duration", "0.1", "--out", "a:x:[x]") == 0
     assert "a:x:[x]/: run.mcap" in capsys.readouterr().out
@@ -52,12 +55,14 @@ def test_what_is_in_a_path_is_printed_as_it_is(capsys: pytest.CaptureFixture[str
     assert "b:x:[x].yaml does not exist" in capsys.readouterr().err
 
 
+@pytest.mark.medium
 def test_tables_are_printed_with_verbose(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, shown in (((), False), (("--verbose",), True)):
         assert sim("mitl", "--duration", "0.1", "--overwrite", "--out", "run", *arguments) == 0
         assert ("late p99" in capsys.readouterr().out) is shown
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("spelling", ["--out", "--output"])
 def test_an_option_is_understood_by_its_other_spelling(spelling: str, tmp_path: Path) -> None:
     assert sim("mitl", "--duration", "0.1", spelling, "run") == 0

@@ -87,6 +87,7 @@ def test_it_finds_its_way_past_water_that_shows_nothing(drive: Drive) -> None:
     assert alone.unaided == 60
 
 
+@pytest.mark.medium
 def test_a_ping_in_a_blind_spell_is_placed_by_the_autopilots_motion(drive: Drive) -> None:
     aided, alone = LidarOdometry(motion=told), LidarOdometry()
     stamp_ns = BLIND[-1] * STEP_NS
@@ -102,6 +103,7 @@ def test_a_ping_in_a_blind_spell_is_placed_by_the_autopilots_motion(drive: Drive
     assert off[0] < 0.25 < off[1]
 
 
+@pytest.mark.medium
 def test_an_autopilot_that_falls_silent_and_speaks_again_leaves_the_clouds_in_between(
     drives: tuple[Drive, Drive],
 ) -> None:
@@ -113,6 +115,7 @@ def test_an_autopilot_that_falls_silent_and_speaks_again_leaves_the_clouds_in_be
     assert (odometry.poses_refused, odometry.unaided) == (0, 20)
 
 
+@pytest.mark.medium
 def test_the_same_clouds_and_words_give_the_same_poses(drive: Drive) -> None:
     one, other = LidarOdometry(motion=told), LidarOdometry(motion=told)
     for cloud in drive[:15]:

@@ -93,6 +93,7 @@ def test_the_map_has_one_point_in_each_cell_that_enough_clouds_hit() -> None:
     np.testing.assert_array_equal(points[np.lexsort(points.T)], wanted[np.lexsort(wanted.T)])
 
 
+@pytest.mark.medium
 def test_the_memory_of_a_map_does_not_grow() -> None:
     rng = np.random.default_rng(5)
     cloud_map = CloudMap()

@@ -255,6 +255,7 @@ def test_water_close_by_is_learnt_and_a_low_trunk_beyond_it_is_seen() -> None:
     np.testing.assert_allclose(found.middle_ne_m, (30.0, 0.0), atol=0.3)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("reflects", "is_seen"), [(1, False), (8, True)])
 def test_what_lies_awash_is_told_from_water_by_what_it_reflects(reflects: int, is_seen: bool) -> None:
     """A trunk at 12 m whose top is no higher than the waves, where water returns out to 16 m; 8 of 150 is wet wood."""
@@ -277,6 +278,7 @@ def test_what_lies_awash_is_told_from_water_by_what_it_reflects(reflects: int, i
     )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("wander_m", [-0.3, 0.3])
 def test_a_height_that_wanders_makes_no_obstacle_of_the_water_and_hides_none(wander_m: float) -> None:
     """The autopilot's height goes off by 0.3 m within two seconds; 0.4 m stand out of the water 9 m ahead."""

@@ -41,6 +41,7 @@ def test_two_echoes_half_a_metre_apart_are_one_and_two_metres_apart_are_two() ->
         assert len(echo_points(ping(level))[0]) == found
 
 
+@pytest.mark.medium
 def test_noise_seldom_stands_out() -> None:
     """13 dB over its mean in decibels (2.5 under the mean power): exp(-10^1.05) = 1.3e-5 a sample, more as the mean
     is of 30 samples only; 500 pings would hold 4 then."""

@@ -46,6 +46,7 @@ def drive() -> list[tuple[int, np.ndarray, np.ndarray]]:
     return [(k * 100_000_000, *river_scans.scan(0.1 * k, stands, rng)) for k in range(60)]
 
 
+@pytest.mark.medium
 def test_it_follows_a_known_motion(drive: list) -> None:
     odometry = LidarOdometry()
     placed = [odometry.register(*cloud) for cloud in drive]
@@ -61,6 +62,7 @@ def test_it_follows_a_known_motion(drive: list) -> None:
     assert placed[-1].vel_frd_mps[0] == pytest.approx(river_scans.SPEED_MPS, abs=0.3)
 
 
+@pytest.mark.medium
 def test_water_is_kept_out_of_what_it_hands_on(drive: list) -> None:
     odometry = LidarOdometry()
     for stamp_ns, points, offset in drive[:20]:
@@ -72,6 +74,7 @@ def test_water_is_kept_out_of_what_it_hands_on(drive: list) -> None:
         assert np.count_nonzero(wet & placed.kept) < 0.01 * np.count_nonzero(wet)
 
 
+@pytest.mark.medium
 def test_the_same_clouds_give_the_same_poses(drive: list) -> None:
     one, other = LidarOdometry(), LidarOdometry()
     for cloud in drive[:15]:
@@ -79,6 +82,7 @@ def test_the_same_clouds_give_the_same_poses(drive: list) -> None:
         assert here.pose_odom.tobytes() == there.pose_odom.tobytes()
 
 
+@pytest.mark.medium
 def test_a_lost_cloud_is_a_longer_step(drive: list) -> None:
     odometry = LidarOdometry()
     placed = [odometry.register(*cloud) for number, cloud in enumerate(drive[:40]) if number not in (20, 21, 30)][-1]

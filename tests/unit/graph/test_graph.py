@@ -88,6 +88,7 @@ def test_the_index_by_hand_and_its_clamp() -> None:
 NAMES = architecture(["PS1", "PS2"])
 
 
+@pytest.mark.medium
 @given(st.lists(st.tuples(st.sampled_from(NAMES), st.sampled_from(NAMES)), max_size=40))
 def test_adjacency_is_symmetric_and_degrees_count_each_link_at_both_ends(links: list[tuple[str, str]]) -> None:
     graph = build_graph(_real(*NAMES), links)

@@ -107,6 +107,7 @@ def test_kinds_come_from_what_the_board_announced() -> None:
     assert section(nodes=[node(kind="real")])["measured"]["wdri"] > section()["measured"]["wdri"]
 
 
+@pytest.mark.medium
 def test_a_board_that_is_none_is_no_real_node_whatever_the_profile_claims(tmp_path: Path) -> None:
     found = section("hitl-beaglebone", nodes=[node(kind="virtual")])
     assert found["overclaimed"] == ["LS", "LC", "LA"]
@@ -212,6 +213,7 @@ def test_a_standby_counts_its_own_link() -> None:
     assert section(traffic=both, nodes=nodes, reports=reports)["missing"] == ["D-LC", "PS1-LS"]
 
 
+@pytest.mark.medium
 def test_without_an_autopilot_the_driver_reaches_vessel_and_recording(tmp_path: Path) -> None:
     for driver, measured in (("mission", ["D-PS1", "D-M", "PS1-M"]), ("none", ["PS1-M"])):
         found = short_run(tmp_path / driver, "mitl", [f"driver.kind={driver}"])
@@ -263,6 +265,7 @@ def test_the_graph_of_a_run_directory(tmp_path: Path) -> None:
     assert run.wdri.wdri < run.claimed_wdri
 
 
+@pytest.mark.medium
 def test_the_graphs_of_a_fleets_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = section("hitl-beaglebone", traffic={"agent": {**EVERYTHING, "tx": {IMU: 1}}}, nodes=[node(kind="real")])
     board = section("hitl-beaglebone", traffic={"agent": EVERYTHING}, nodes=[node(kind="real")])

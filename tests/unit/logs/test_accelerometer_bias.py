@@ -75,6 +75,7 @@ def test_a_bias_that_ends_has_an_end() -> None:
     assert step.until_ns == pytest.approx(63.0 * S, abs=S)
 
 
+@pytest.mark.medium
 def test_a_sound_accelerometer_and_a_wrong_velocity_have_no_bias() -> None:
     assert accelerometer_steps(unit((0.0, 0.0, 0.0)), attitude_deg(), velocity()) == []
     assert accelerometer_steps(unit((0.0, 0.0, 0.0)), attitude_deg(), velocity(1.5)) == []

@@ -40,6 +40,7 @@ def receiver(drift_mps: float, bearing_deg: float = 90.0, *, shared: bool = Fals
     )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("rate_mps", "bearing_deg"), [(0.3, 90.0), (0.5, 210.0)])
 def test_a_position_that_leaves_its_velocity_drifts_with_onset_rate_and_bearing(
     rate_mps: float, bearing_deg: float
@@ -84,6 +85,7 @@ def test_a_position_that_jumps_and_jumps_back_does_not_drift() -> None:
     assert gnss_drifts(replace(whole, lat_deg=whole.lat_deg + off_deg)) == []
 
 
+@pytest.mark.medium
 def test_a_velocity_that_changes_at_once_is_wrong_and_not_the_position() -> None:
     """An error of 1.2 m/s to the north, from 40 to 70 s."""
     whole = receiver(0.0)

@@ -143,6 +143,7 @@ def test_a_propeller_that_is_stuck_at_its_command_has_an_uncertain_onset() -> No
     assert earliest_ns - 2.5 * S <= FROM_S * S <= latest_ns + 2.5 * S
 
 
+@pytest.mark.medium
 def test_a_small_loss_is_below_the_floor() -> None:
     assert actuator_faults(sailed(scaled(0, 0.95), 3)) == []
 

@@ -89,6 +89,7 @@ def test_an_empty_log() -> None:
         sound_sections(MadeLog(kind=kind))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", range(3))
 def test_a_damaged_log(seed: int, tmp_path: Path) -> None:
     """One byte in a thousand is another one."""

@@ -151,6 +151,7 @@ def test_cut_anywhere_it_is_refused_with_a_sentence_or_read(tmp_path: Path, cut:
             assert len(table) < STEPS
 
 
+@pytest.mark.medium
 def test_noise_in_a_bag_never_raises(tmp_path: Path) -> None:
     data = made_bags.write_bag1(tmp_path / "boat.bag", STEPS, "LZ4").read_bytes()
     rng = np.random.default_rng(3)

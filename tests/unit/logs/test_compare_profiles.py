@@ -119,6 +119,7 @@ def test_noise_has_no_lag() -> None:
     assert said["B later (s)"] is None
 
 
+@pytest.mark.medium
 def test_the_other_way_round_is_the_same_with_its_sign() -> None:
     a = vessel("a", north_m=lambda t: 5.0 * np.sin(0.2 * t), speed_mps=lambda t: 2.0 + np.sin(0.3 * t))
     b = vessel("b", north_m=lambda t: 5.0 * np.sin(0.2 * t - 0.3), speed_mps=lambda t: 2.5 + np.sin(0.3 * t - 0.3))

@@ -50,6 +50,7 @@ def test_generated_findings_do_not_contradict_each_other(seed: int) -> None:
     check(Report(without_contradictions([file_of(*rows)])))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "name", ["boat-auto-calm", "boat-auto-gust", "boat-auto-external-ahrs", "boat-auto-linux-hal-injected"]
 )

@@ -122,6 +122,7 @@ def test_what_is_whole_in_a_damaged_log_is_read(records: list[bytes], tmp_path: 
         held(tmp_path / "damaged.bin", data, wanted)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", range(2))
 def test_what_pymavlink_reads_of_a_damaged_log_is_read(
     records: list[bytes], tmp_path: Path, seed: int, capfd: pytest.CaptureFixture[str]

@@ -85,6 +85,7 @@ def hold_against_pymavlink(path: Path, theirs: Callable[[list[Any], int, str], l
                 assert again.tobytes() == ours.tobytes() or again.tolist() == ours.tolist()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", NAMES)
 def test_the_start_of_a_recorded_log_reads_as_pymavlink_reads_it(name: str, tmp_path: Path) -> None:
     path = tmp_path / "start.bin"
@@ -98,6 +99,7 @@ def test_a_whole_recorded_log_reads_as_pymavlink_reads_it(name: str) -> None:
     hold_against_pymavlink(LOGS / name, at_once)
 
 
+@pytest.mark.medium
 def test_scaled_columns_are_what_unit_and_mult_make_of_the_raw_ones() -> None:
     """UNIT, MULT and FMTU are taken from pymavlink's messages, and the arithmetic is Python's own."""
     path = LOGS / NAMES[0]

@@ -61,6 +61,7 @@ def alike(ours: Any, theirs: Any) -> bool:
     return bool(ours == theirs or (ours != ours and theirs != theirs))
 
 
+@pytest.mark.medium
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(types(), min_size=1, max_size=4))
 def test_every_letter_comes_back_as_it_was_packed(
@@ -315,6 +316,7 @@ HOSTILE = st.one_of(
 )  # fmt: skip
 
 
+@pytest.mark.medium
 @settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(HOSTILE, max_size=30))
 def test_no_bytes_raise_anything_but_a_sentence(tmp_path: Path, parts: list[bytes]) -> None:

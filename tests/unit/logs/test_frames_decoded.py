@@ -22,6 +22,7 @@ def tables(frames: list[bytes], prefix: str = "") -> tuple[dict, FrameCounts]:
     return frame_tables(prefix, frames, np.arange(count) * 1_000_000, np.arange(count) * 100)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("form", ["first", "second", "signed"])
 def test_every_message_is_read_as_pymavlink_reads_it(form: str) -> None:
     draw = random.Random(form)
@@ -46,6 +47,7 @@ def test_every_message_is_read_as_pymavlink_reads_it(form: str) -> None:
         assert header == [truth.get_srcSystem(), truth.get_srcComponent(), truth.get_seq()]
 
 
+@pytest.mark.medium
 @given(st.lists(st.tuples(st.binary(min_size=0, max_size=40), st.integers(0, 255)), max_size=8), st.binary(max_size=3))
 @settings(max_examples=60, deadline=None)
 def test_checksums_of_many_at_once(parts: list[tuple[bytes, int]], before: bytes) -> None:
@@ -118,6 +120,7 @@ def test_our_own_messages_are_read() -> None:
     assert table.values("accel").tolist() == [[1.0, 2.0, float(np.float32(-9.81))]]
 
 
+@pytest.mark.medium
 @given(st.lists(st.binary(max_size=60), max_size=20))
 @settings(max_examples=100, deadline=None)
 def test_any_bytes_are_decoded_or_counted(frames: list[bytes]) -> None:

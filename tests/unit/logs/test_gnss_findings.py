@@ -142,6 +142,7 @@ def test_a_position_that_repeats_at_speed():
     assert (frozen.at_ns, frozen.until_ns) == (200 * STEP_NS, 249 * STEP_NS)
 
 
+@pytest.mark.medium
 def test_a_velocity_that_contradicts_the_positions():
     motion = sail()
     motion["vn"][100:400] += 1.0

@@ -29,6 +29,7 @@ def motion(from_s: float, until_s: float, rate_hz: float, seed: int, zero_s: flo
     return MadeLog(table)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("begin_s", "zero_s", "skew_ppm", "rate_hz"),
     [(0.0, 5.0, 0.0, 50.0), (137.0, 20_000.0, 0.0, 25.0), (60.0, 0.5, 200.0, 50.0), (200.0, 3.0, -80.0, 10.0)],
@@ -52,6 +53,7 @@ def test_a_shifted_and_skewed_copy_is_found_within_the_stated_error(
         )  # and the grain of the logs' own rate
 
 
+@pytest.mark.medium
 def test_another_motion_is_not_aligned_and_says_why() -> None:
     rng = np.random.default_rng(5)
     t_s = np.arange(0.0, 400.0, 0.02)
@@ -113,6 +115,7 @@ def _clocks(node_ahead_s: float, skew_ppm: float, leap_s: float, at_s: float) ->
     return table, MadeLog(imu, said)
 
 
+@pytest.mark.medium
 def test_clock_records_place_a_log_through_a_step_and_a_drift() -> None:
     clocks, log = _clocks(17.0, 80.0, 0.5, 60.0)
     t_s = np.arange(0.0, 120.0, 0.05)

@@ -45,6 +45,7 @@ def readings(
     return ClockReadings("k", "a", "b", first_ns, first_ns, after(there_s), "M", "F", late=True, floor_ns=floor_ns)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", ["late", "exchange", "together"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_step_is_found_and_each_side_has_the_skew(kind: str, seed: int) -> None:
@@ -65,6 +66,7 @@ def test_a_step_is_found_and_each_side_has_the_skew(kind: str, seed: int) -> Non
     assert first.offset_ns * 1e-9 == pytest.approx(OFFSET_S + constant_s + 1e-6 * SKEW_PPM * middle_s, abs=1e-3)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", ["late", "exchange", "together"])
 def test_an_even_clock_has_neither_step_nor_drift(kind: str) -> None:
     relation = fit_relation(readings(kind, 3, skew_ppm=0.0, step_s=0.0))
@@ -75,6 +77,7 @@ def test_an_even_clock_has_neither_step_nor_drift(kind: str) -> None:
     assert len(relation.window_ppm) == 12
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", ["late", "exchange"])
 def test_a_burst_of_delays_is_no_step_of_the_clock(kind: str) -> None:
     relation = fit_relation(readings(kind, 4, step_s=0.0, burst=True))
@@ -96,6 +99,7 @@ def test_a_queue_that_fills_at_once_and_drains_slowly_is_no_step() -> None:
     assert [step for step in relation.steps if step.size_s] == []
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", ["late", "exchange"])
 def test_a_change_of_rate_bends_the_line(kind: str) -> None:
     relation = fit_relation(readings(kind, 5, step_s=0.0, bend_ppm=80.0))

@@ -106,6 +106,7 @@ def test_what_is_no_condition(text: str, words: tuple[str, ...]) -> None:
         assert word in str(told.value)
 
 
+@pytest.mark.medium
 @given(st.text(alphabet="RollIName. ()[]<>=!+-*/%andort'\"0123456789eabs,:", max_size=30))
 @settings(max_examples=200, deadline=None)
 def test_any_text_holds_or_is_refused(text: str) -> None:

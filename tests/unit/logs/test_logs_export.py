@@ -96,6 +96,7 @@ def test_csv_of_a_log_on_utc_has_both_times(tmp_path: Path) -> None:
     assert told["utc_s"][0] == "1700000000.123456789"
 
 
+@pytest.mark.medium
 def test_times_are_utc_where_the_log_tells_it(tmp_path: Path) -> None:
     """By GPS week and milliseconds, the least delay of a fix being under half a second; 18 leap seconds since 2017."""
     with open_log(CALM) as log:

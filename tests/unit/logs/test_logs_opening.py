@@ -162,6 +162,7 @@ def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
 BEGINNINGS = (b"", b"\xa3\x95", b"\xa3\x95\x80", b"\x89MCAP0\r\n", attitudes(1), attitudes(3)[:-9], dataflash()[:-5])
 
 
+@pytest.mark.medium
 @given(st.sampled_from(BEGINNINGS), st.binary(max_size=400))
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_bytes_are_opened_or_refused_in_a_sentence(tmp_path: Path, beginning: bytes, rest: bytes) -> None:

@@ -38,6 +38,7 @@ def test_fast_tasks_and_a_simulator_that_counts_nothing() -> None:
     assert not tasks_counted([task])
 
 
+@pytest.mark.medium
 @settings(max_examples=30, deadline=None)
 @given(st.text(max_size=300))
 def test_whatever_it_holds_is_no_error(text: str) -> None:

@@ -77,6 +77,7 @@ def _nonsense(rng: np.random.Generator, kind: Format) -> MadeLog:
     return MadeLog(*tables, kind=kind, base=BASES[kind])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", TABLES)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_nonsense_is_no_error(kind: Format) -> None:

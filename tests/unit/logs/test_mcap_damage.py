@@ -86,6 +86,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recorded]:
 KINDS = ("NONE", "LZ4", "ZSTD", "loose")
 
 
+@pytest.mark.medium
 @given(st.data())
 @_ANY
 def test_cut_at_any_byte(tmp_path: Path, recordings: dict[str, Recorded], data: st.DataObject) -> None:
@@ -110,6 +111,7 @@ def test_cut_at_any_byte(tmp_path: Path, recordings: dict[str, Recorded], data: 
                     assert same(values, before[:rows]), (topic, name)
 
 
+@pytest.mark.medium
 @given(st.data())
 @_ANY
 def test_a_flipped_bit_is_never_silent(tmp_path: Path, recordings: dict[str, Recorded], data: st.DataObject) -> None:
@@ -130,6 +132,7 @@ def test_a_flipped_bit_is_never_silent(tmp_path: Path, recordings: dict[str, Rec
     assert rows >= 126 - 30  # a chunk of 8000 bytes has 27 or fewer messages here
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", KINDS)
 def test_zeros_are_passed_over_counted_and_the_rest_exported(
     tmp_path: Path, recordings: dict[str, Recorded], kind: str
@@ -154,6 +157,7 @@ _EDIT = st.tuples(
 )
 
 
+@pytest.mark.medium
 @given(kind=st.sampled_from(KINDS), edits=st.lists(_EDIT, min_size=1, max_size=6), unclosed=st.booleans())
 @_ANY
 def test_any_damage_is_survived(
@@ -235,6 +239,7 @@ def test_a_chunk_that_claims_too_much_is_not_unpacked(tmp_path: Path) -> None:
         assert len(log.tables["/t"]) == 1
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("compression", CompressionType)
 def test_fields_behind_those_known_are_no_damage(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: CompressionType

@@ -23,6 +23,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("ros") / "ros.mcap")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_every_value_is_the_same_however_it_is_packed(tmp_path: Path, compression: CompressionType) -> None:
     path = write(tmp_path / "ros.mcap", steps=17, compression=compression)
@@ -31,6 +32,7 @@ def test_every_value_is_the_same_however_it_is_packed(tmp_path: Path, compressio
         assert not log.health.degraded
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("keep", [{}, {"repeat_channels": False}, {"use_statistics": False}, {"use_chunking": False}])
 def test_and_with_any_index_or_none(tmp_path: Path, recorded: Path, keep: dict[str, bool]) -> None:
     path = tmp_path / "again.mcap"

@@ -91,6 +91,7 @@ def test_a_recording_says_what_its_summary_says(tmp_path: Path, monkeypatch: pyt
     assert finding.sentence == result.summary["warnings"][-1]
 
 
+@pytest.mark.medium
 def test_a_recording_in_lockstep_is_not_judged(tmp_path: Path) -> None:
     result = xitl.simulate("mitl", duration_s=0.1, out=tmp_path / "run")
     assert result.verdict["real_time"] is None

@@ -113,6 +113,7 @@ def test_nothing_is_lost_of_a_file_without_its_end(tmp_path: Path, recordings: P
     assert (done.written.rebuilt > 0) == (kind == "loose")
 
 
+@pytest.mark.medium
 @given(st.data())
 @_ANY
 def test_a_file_cut_at_any_byte(tmp_path: Path, recordings: Path, data: st.DataObject) -> None:
@@ -142,6 +143,7 @@ def test_a_file_cut_at_any_byte(tmp_path: Path, recordings: Path, data: st.DataO
 _DAMAGE = st.tuples(st.integers(0, 10**6), st.sampled_from((1, 9, 512)), st.sampled_from((b"\0", b"\xff")))
 
 
+@pytest.mark.medium
 @given(kind=st.sampled_from(KINDS), damage=st.lists(_DAMAGE, min_size=1, max_size=4))
 @example(kind="ZSTD", damage=[(73338, 512, b"\0"), (499477, 512, b"\0")])
 @_ANY
@@ -222,6 +224,7 @@ def test_messages_of_a_channel_whose_description_is_lost_are_counted(tmp_path: P
     assert list(whole_content(done.out)["messages"]) == ["/kept"]
 
 
+@pytest.mark.medium
 def test_it_overwrites_only_what_it_is_asked_to(tmp_path: Path, recordings: Path) -> None:
     path, out = tmp_path / "run.mcap", tmp_path / "run-repaired.mcap"
     path.write_bytes(bytes_of(recordings, "LZ4")[:-25])

@@ -26,6 +26,7 @@ def test_a_short_trace_is_kept_as_it_is() -> None:
     assert drawn.of == MOST_POINTS
 
 
+@pytest.mark.medium
 @given(st.integers(0, 99_999), st.sampled_from([1e3, -1e3]))
 @settings(max_examples=25, deadline=None)
 def test_one_outlier_in_a_hundred_thousand_is_drawn(where: int, value: float) -> None:

@@ -37,6 +37,7 @@ def test_what_is_in_a_directory(tmp_path: Path) -> None:
     assert list(logs_in(files[1])) == [files[1]]
 
 
+@pytest.mark.medium
 def test_a_run_is_analysed_with_the_log_of_its_autopilot() -> None:
     run = recorded_run("sitl", 12.0)
     report = api.analyze(run, sections="overview")
@@ -46,6 +47,7 @@ def test_a_run_is_analysed_with_the_log_of_its_autopilot() -> None:
     assert sorted(file.path for file in named.files) == sorted(file.path for file in report.files)
 
 
+@pytest.mark.medium
 def test_every_command_takes_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -68,6 +70,7 @@ def test_every_command_takes_it(
     assert "is complete" in said("repair", run)
 
 
+@pytest.mark.medium
 def test_of_a_fleet_the_log_of_the_vessel_that_is_looked_at_is_taken() -> None:
     run = recorded_run("fleet-head-on", 2.0)
     first, second = api.open_log(run / "run.mcap").vessels[:2]

@@ -91,12 +91,14 @@ def nonsense(seed: int) -> MadeLog:
     return MadeLog(*tables, kind="dataflash" if seed % 3 else "tlog")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("block", range(10))
 def test_nonsense_of_sensors(block: int) -> None:
     for seed in range(20 * block, 20 * block + 20):
         sound_sections(nonsense(seed), ANALYSES)
 
 
+@pytest.mark.medium
 def test_the_real_logs_of_a_healthy_boat_raise_no_alarm() -> None:
     found: dict[str, list[str]] = {}
     for name in ("calm", "gust"):
@@ -108,6 +110,7 @@ def test_the_real_logs_of_a_healthy_boat_raise_no_alarm() -> None:
     assert found == {"calm": [], "gust": ["radio.saturated"]}
 
 
+@pytest.mark.medium
 def test_a_real_log_whose_injected_sensors_stopped_says_so() -> None:
     with DataFlashLog(EXTERNAL_AHRS) as log:
         found = {

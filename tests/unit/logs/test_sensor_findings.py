@@ -192,6 +192,7 @@ def at_rest(seconds: float, rate_hz: float, imu_model: Imu, seed: int) -> dict[s
     return dict(zip(("GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"), rows.T, strict=True))
 
 
+@pytest.mark.medium
 def test_allan_deviation_finds_the_densities_that_the_simulator_was_given():
     rate_hz, seconds = 100.0, 120.0
     model = Imu(

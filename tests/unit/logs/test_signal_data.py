@@ -47,6 +47,7 @@ def test_a_large_one_is_thinned_to_the_limit_and_says_so(limit: int) -> None:
     assert "without 1 fields of arrays" in held.sentence
 
 
+@pytest.mark.medium
 def test_a_real_log_fits_and_comes_back_as_it_was() -> None:
     with open_log(CALM) as log:
         held = held_log(log, TimeLine(log.zero_ns), "")

@@ -151,6 +151,7 @@ def test_speed_of_a_real_log_is_that_of_its_receiver() -> None:
         assert log.signal("att.roll").values.tolist() == log["ATT"]["Roll"].tolist()
 
 
+@pytest.mark.medium
 @given(st.text(alphabet="ATRolYw/.[]()0123 +-*%<>=!,'andortsqumih_", max_size=40))
 @settings(max_examples=150, deadline=None)
 def test_any_text_is_a_signal_or_refused(text: str) -> None:

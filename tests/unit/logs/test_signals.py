@@ -24,6 +24,7 @@ def of_type(name: str) -> list[object]:
     return found
 
 
+@pytest.mark.medium
 def test_an_ardupilot_log_tells_motion_as_its_messages_do() -> None:
     attitudes = of_type("ATT")
     with open_log(GUST) as log:
@@ -52,6 +53,7 @@ def test_an_ardupilot_log_tells_motion_as_its_messages_do() -> None:
     assert outputs[3].unit == "us"
 
 
+@pytest.mark.medium
 def test_an_ardupilot_log_tells_states() -> None:
     with open_log(GUST) as log:
         modes, armed, texts = signals.modes(log), signals.armed(log), signals.texts(log)
@@ -61,6 +63,7 @@ def test_an_ardupilot_log_tells_states() -> None:
     assert said == [(message.TimeUS, message.Message) for message in of_type("MSG")]  # in the order of the file
 
 
+@pytest.mark.medium
 def test_telemetry_tells_the_same_kind_of_things() -> None:
     heard = mavutil.mavlogfile(str(MISSION_TLOG))
     yaws = []

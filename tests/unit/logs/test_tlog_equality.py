@@ -43,6 +43,7 @@ def assert_equal(log: TelemetryLog, truth: dict) -> None:
         assert table.values("_sysid").tolist() == [one.get_srcSystem() for _, one in messages]
 
 
+@pytest.mark.medium
 def test_a_real_one() -> None:
     truth, bad = theirs(MISSION_TLOG)
     assert bad == 0
@@ -53,6 +54,7 @@ def test_a_real_one() -> None:
         assert not log.health.degraded
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("block_bytes", [500, 1 << 20])
 def test_every_message_in_both_versions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block_bytes: int) -> None:
     monkeypatch.setattr(file_module, "BLOCK_BYTES", block_bytes)
@@ -199,6 +201,7 @@ def test_messages_of_other_dialects_are_counted_by_number(tmp_path: Path) -> Non
         assert not log.health.degraded
 
 
+@pytest.mark.medium
 @given(st.binary(max_size=300), st.lists(st.integers(0, 2**20), max_size=6), st.integers(0, 3))
 @settings(max_examples=80, deadline=None)
 def test_any_bytes_are_read_or_counted(noise: bytes, places: list[int], seed: int) -> None:
@@ -213,6 +216,7 @@ def test_any_bytes_are_read_or_counted(noise: bytes, places: list[int], seed: in
     assert (found.start < len(data)).all()
 
 
+@pytest.mark.medium
 @given(st.binary(max_size=2000))
 @settings(max_examples=80, deadline=None)
 def test_noise_has_no_frames(noise: bytes) -> None:

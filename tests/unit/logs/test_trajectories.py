@@ -61,6 +61,7 @@ def same(errors: np.ndarray, metric: object) -> None:
         assert getattr(found, ours) == pytest.approx(theirs[name], rel=1e-9, abs=1e-9), ours
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("how", ["none", "origin", "se3", "sim3"])
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000))

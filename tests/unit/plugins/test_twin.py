@@ -70,6 +70,7 @@ def test_the_weak_propeller_is_named_with_onset_and_size(followed: tuple[TwinRep
     assert json.loads(json.dumps(report.as_json()))["alarms"][0]["kind"] == "thrust port"
 
 
+@pytest.mark.medium
 def test_a_replay_repeats_bit_for_bit(
     followed: tuple[TwinReport, list[str], Path], weak_port: Path, tmp_path: Path
 ) -> None:
@@ -96,6 +97,7 @@ def test_the_graph_is_a_real_autopilot_with_a_virtual_model(followed: tuple[Twin
     assert wdri.wdri == pytest.approx((3 * 2 + 0.5 * (2 + 3)) / 9 / 4)
 
 
+@pytest.mark.medium
 def test_the_derivatives_of_the_bank_are_those_of_a_changed_model() -> None:
     commands = np.tile([0.8, 0.4], (50, 1))
     state = np.array([1.2, 0.3, 0.4, 0.05])
@@ -136,6 +138,7 @@ class UdpBoat:
             return b""
 
 
+@pytest.mark.medium
 def test_nothing_is_sent_to_the_boat(weak_port: Path, tmp_path: Path) -> None:
     source = LinkFrames("udp://127.0.0.1:0")
     host, _, port = source.address.removeprefix("udp://").rpartition(":")
@@ -208,12 +211,14 @@ def test_an_unusable_boat_is_refused_with_the_wrong_number(
         follow(source, tmp_path, **options)
 
 
+@pytest.mark.medium
 def test_another_vehicle_is_refused(tmp_path: Path) -> None:
     """A rover that steers with output 1 is no catamaran with two propellers."""
     with pytest.raises(UserError, match=r"differed from the model otter by \d\.\d+ m/s"):
         follow(open_boat(str(MISSION_TLOG)), tmp_path)
 
 
+@pytest.mark.medium
 def test_swapped_outputs_are_refused(weak_port: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="% of the model's, outside -30 to 400 %; check the order of --outputs"):
         follow(open_boat(str(weak_port)), tmp_path, outputs=Outputs((3, 1)))
@@ -239,6 +244,7 @@ class SilentBoat:
             yield []
 
 
+@pytest.mark.medium
 def test_a_boat_that_falls_silent_ends_the_twin(weak_port: Path, tmp_path: Path) -> None:
     report, told = follow(SilentBoat(weak_port), tmp_path)
     assert "the boat has been silent for 10 s" in told[-1]

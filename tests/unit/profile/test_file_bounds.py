@@ -42,6 +42,7 @@ def test_more_waypoints_than_mavlink_numbers_are_refused_by_their_number(tmp_pat
     assert "alias" not in str(refusal.value)
 
 
+@pytest.mark.medium
 def test_more_than_the_embedded_autopilot_keeps_are_refused_before_the_run(tmp_path: Path) -> None:
     load_profile(boat(tmp_path, 723, "sitl"))
     with pytest.raises(ProfileError, match="which stores 724 items including home"):

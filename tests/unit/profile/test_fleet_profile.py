@@ -97,6 +97,7 @@ def test_a_fleet_is_none_for_what_takes_one_vessel(fleet, golden: Golden):
     golden("error", refused.value)
 
 
+@pytest.mark.medium
 def test_the_resolved_text_loads_to_an_equal_fleet(fleet):
     profile = fleet(CONVOY, "vessels.other.companion.lag=7", "companion.lag=3", "vessels.leader.companion=null")
     text = resolved_yaml(profile)
@@ -122,6 +123,7 @@ def test_overrides_reach_a_vessel_before_it_is_unfolded(fleet, override, vessel,
     assert found(fleet(CONVOY, override, apart).vessels[vessel])
 
 
+@pytest.mark.medium
 def test_values_know_where_they_were_written(fleet, tmp_path):
     fleet(CONVOY)
     loaded = load_with_origins(str(tmp_path / "fleet.yaml"))

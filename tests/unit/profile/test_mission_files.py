@@ -119,6 +119,7 @@ def test_waypoints_are_read_as_pymavlink_reads_them(write: Write) -> None:
     assert profile.mission.jumps
 
 
+@pytest.mark.medium
 def test_a_plan_brings_commands_surveys_fence_and_rally_points(write: Write, golden: Golden) -> None:
     corner = [[52.400, 13.030], [52.400, 13.040], [52.404, 13.040], [52.404, 13.030]]
     survey = {

@@ -25,6 +25,7 @@ def _terminal(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
+@pytest.mark.medium
 def test_the_list_names_every_profile_within_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
     profiles.list_profiles()
     lines = capsys.readouterr().out.splitlines()
@@ -56,6 +57,7 @@ def test_check_lists_every_problem_and_goes_on(
     golden("text", capsys.readouterr().out.splitlines())
 
 
+@pytest.mark.medium
 def test_without_names_all_shipped_profiles_are_checked(capsys: pytest.CaptureFixture[str]) -> None:
     profiles.check()
     assert len(capsys.readouterr().out.splitlines()) == len(shipped_profiles())

@@ -84,6 +84,7 @@ def test_an_override_may_have_the_old_name(override: str) -> None:
     assert "xitl 99.0 refuses the old name" in warning
 
 
+@pytest.mark.medium
 def test_a_vessel_of_a_fleet_may_have_the_old_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     old = RenamedKey(("mission", "pace_mps"), ("mission", "speed_mps"), "1.1", "99.0")
     monkeypatch.setattr(renamed_keys, "RENAMED_KEYS", (old,))

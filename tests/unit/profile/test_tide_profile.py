@@ -28,6 +28,7 @@ def height_m(name: Path, time_s: float) -> float:
     return make_tide(environment).height_m(time_s)
 
 
+@pytest.mark.medium
 def test_constituents_change_the_level_over_an_hour(write: Write) -> None:
     name = write(tidal(f"{{constituents: [{M2}]}}"))
     profile = load_profile(str(name))

@@ -112,6 +112,7 @@ def test_long_lists_are_not_deep() -> None:
     assert pairs == {"a": ((1, 2),) * 2000}
 
 
+@pytest.mark.medium
 def test_an_alias_bomb_is_refused() -> None:
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
@@ -142,6 +143,7 @@ def test_a_folder_is_not_read(tmp_path: Path) -> None:
         read_yaml(tmp_path, "boat.yaml")
 
 
+@pytest.mark.medium
 @given(st.text(alphabet=st.sampled_from("ab:-[]{}&*!|>'\"#%@`,? \n\t0.1\x00é"), max_size=40))
 def test_any_text_parses_or_is_refused_on_one_line_with_its_place(text: str) -> None:
     message = ""

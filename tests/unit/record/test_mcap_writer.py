@@ -59,6 +59,7 @@ def test_an_empty_file_is_too() -> None:
     assert ours_stream.getvalue() == their_stream.getvalue()
 
 
+@pytest.mark.medium
 def test_the_memory_of_a_writer_does_not_grow_with_its_chunks(tmp_path: Path) -> None:
     chunks = 1600  # the index of half of them is larger than the part of it in memory
     with (tmp_path / "run.mcap").open("wb") as stream:

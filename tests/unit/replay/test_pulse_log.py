@@ -91,6 +91,7 @@ def test_a_damaged_time_costs_its_row_and_none_behind_it(tmp_path: Path) -> None
     assert [round(at_s * 50) for at_s in read_dataflash(path).at_s] == [n for n in range(1, 41) if n != 20]
 
 
+@pytest.mark.medium
 def test_an_ardurover_log_reads_as_pymavlink_reads_it() -> None:
     path = CALM
     log = read_dataflash(path)

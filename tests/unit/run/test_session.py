@@ -25,6 +25,7 @@ from xitl_cli.run.nodes.drivers import MissionItems, NoDriver
 from xitl_cli.seeds import Seeds
 
 
+@pytest.mark.medium
 def test_a_fault_of_our_own_is_seen_and_still_leaves_summary_and_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -47,6 +48,7 @@ def test_a_fault_of_our_own_is_seen_and_still_leaves_summary_and_recording(
         assert log.tables["/log"].values("message")[-1] == told["error"]
 
 
+@pytest.mark.medium
 def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -71,6 +73,7 @@ def test_a_folder_that_is_taken_is_refused_before_a_live_output_is_made(
         session.run(profile, tmp_path, False, NoDisplay)
 
 
+@pytest.mark.medium
 def test_ctrl_c_is_heeded_while_an_autopilot_started_elsewhere_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -94,6 +97,7 @@ def test_an_agent_still_at_the_run_of_another_host_can_be_reached() -> None:
     assert autopilot.position_error_m is None
 
 
+@pytest.mark.medium
 def test_the_clock_is_asked_for_ahead_of_samples_at_any_rate_of_exchange(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -115,6 +115,7 @@ def test_a_bed_in_shallow_water_is_not_seen() -> None:
     assert scan.fates.returned == scan.fates.from_water
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "waves", [FlatWater(), sea(), realise_waves(WaveSpec("regular", 0.4, 2.0, 10.0), Water(), np.random.default_rng(3))]
 )

@@ -74,6 +74,7 @@ def test_the_figures_of_a_radar_give_its_signal() -> None:
     assert 10.0 * math.log10(ratio[0]) == pytest.approx(level_db - noise_db, abs=1e-3)
 
 
+@pytest.mark.medium
 def test_a_point_has_the_power_of_the_radar_equation() -> None:
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE))
     power, _ = turns(radar, RadarSurroundings(points=(point(400.0, 0.0, 10.0), point(0.0, -200.0, 1.0))))
@@ -127,6 +128,7 @@ def test_a_point_is_as_wide_as_the_beam() -> None:
         assert np.mean(wide) * 0.25 == pytest.approx(270.0, abs=0.15)  # from astern
 
 
+@pytest.mark.medium
 def test_a_point_is_as_long_as_the_pulse() -> None:
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE, pulse_us=0.3))
     power, _ = turns(radar, RadarSurroundings(points=(point(0.0, 300.0, 1000.0),)))
@@ -434,6 +436,7 @@ def test_noise_as_long_as_a_pulse_has_the_false_alarm_rate_too() -> None:
     assert alarms == pytest.approx(1e-3, rel=0.2)
 
 
+@pytest.mark.medium
 def test_plots_have_range_bearing_strength_and_size() -> None:
     radar = MarineRadar(MarineRadarSpec(**FREE_SPACE))
     around = RadarSurroundings(points=(point(0.0, 250.0, 10.0), point(400.0, 0.0, 100.0)))

@@ -74,6 +74,7 @@ def test_a_wall_that_fills_the_beam_is_as_loud_as_the_sonar_equation_says(range_
     assert level_db(heard([wall(range_m)], pings=10)) == pytest.approx(expected, abs=0.4)
 
 
+@pytest.mark.medium
 def test_a_small_object_falls_by_forty_log_r() -> None:
     """From 10 m to 20 m: 40 log 2 and absorption. The pattern of the narrow beam takes 0.5 dB of the nearer one, which
     fills more of it; 300 pings leave 0.4 dB of chance."""
@@ -83,6 +84,7 @@ def test_a_small_object_falls_by_forty_log_r() -> None:
     assert near - far == pytest.approx(40.0 * math.log10(2.0) + 20.0 * absorption_dbpm(750.0, 25.0), abs=1.2)
 
 
+@pytest.mark.medium
 def test_the_beam_is_half_as_strong_at_its_edges_out_and_half_back() -> None:
     def at(side_deg: float, up_deg: float, radius_m: float) -> float:
         side, up = math.radians(side_deg), math.radians(up_deg)

@@ -117,6 +117,7 @@ def assert_same(compiled: Moved, reference: Moved) -> None:
         assert np.abs(values - wanted[name]).max(initial=0.0) <= TOLERANCE * scale, name
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("sea", SEAS)
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @settings(max_examples=15)
@@ -138,6 +139,7 @@ def test_a_compiled_step_is_the_step_of_numpy(vehicle: str, sea: str, seed: int,
     )
 
 
+@pytest.mark.medium
 def test_a_changed_part_of_a_packed_state_counts() -> None:
     simulated, draw = simulation("vehicles/otter", "random"), np.random.default_rng(5)
     influences = any_influences(simulated, draw, 1)
@@ -149,6 +151,7 @@ def test_a_changed_part_of_a_packed_state_counts() -> None:
     )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda state: pickle.loads(pickle.dumps(state))])
 def test_a_copy_of_a_state_goes_on_alone(copied: Callable[[VesselState], VesselState]) -> None:
     simulated, draw = simulation("vehicles/heron", "random"), np.random.default_rng(8)
@@ -171,6 +174,7 @@ def test_a_copy_of_a_simulation_computes_the_same(copied: Callable[[Simulation],
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
+@pytest.mark.medium
 def test_a_vessel_moves_the_same_alone_and_in_a_batch() -> None:
     simulated, draw = simulation("vehicles/blueboat", "random"), np.random.default_rng(6)
     state, influences = any_state(simulated, draw, 11), any_influences(simulated, draw, 11)
@@ -224,6 +228,7 @@ def test_a_long_way_ends_at_the_same_place(sea: str, most_m: float) -> None:
     assert apart_m < most_m
 
 
+@pytest.mark.medium
 def test_a_run_repeats_bit_for_bit() -> None:
     simulated = simulation("vehicles/asv-full", "random")
     first, second = (sailed(simulated, 5.0).vessel.motion for _ in range(2))
@@ -231,6 +236,7 @@ def test_a_run_repeats_bit_for_bit() -> None:
         np.testing.assert_array_equal(getattr(first, field.name), getattr(second, field.name))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", [MotionStep, NumpyStep])
 @pytest.mark.parametrize("at_once", [2, 5, 40])
 def test_steps_at_once_are_the_steps_one_by_one(at_once: int, kind: type[MotionStep]) -> None:

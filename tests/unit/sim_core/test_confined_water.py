@@ -91,6 +91,7 @@ def test_derivatives_grow_as_the_effective_aspect_ratio_of_hirano() -> None:
     assert of_table[1][5] / of_table[0][5] == pytest.approx(aspect_factor(1.5, 1.7), rel=1e-6)
 
 
+@pytest.mark.medium
 def test_a_ship_sinks_by_ravens_formula_and_less_than_barrass_allows() -> None:
     model = shipped("kvlcc2-l7")
     rest = over_bottom(model, DEEP_M).vessel.rest
@@ -122,6 +123,7 @@ def test_a_ship_turns_wider_in_shallower_water() -> None:
     assert radii_m[-1] > 1.2 * radii_m[0]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", ["asv-full", "kvlcc2-l7", "otter"])
 def test_deep_water_and_vessels_without_the_key_are_as_before_to_the_last_bit(name: str) -> None:
     model = shipped(name)

@@ -101,6 +101,7 @@ def energy_j(fleet: Fleet, state: FleetState) -> float:
     return total
 
 
+@pytest.mark.medium
 def test_two_that_meet_head_on_part_as_a_spring_and_a_damper_let_them() -> None:
     """Impulse and restitution in closed form: Schwager and Poeschel 2007, eq 21."""
     fleet = Fleet.from_spec([SLIDING, HEAVY], Environment(), 5e-4, names=("light", "heavy"))
@@ -127,6 +128,7 @@ def test_two_that_meet_head_on_part_as_a_spring_and_a_damper_let_them() -> None:
     assert fleets.state_of(fleet, touched[0], 1).contacts.what == ("light",)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("places", "yaws", "speeds"),
     [
@@ -147,6 +149,7 @@ def test_momentum_and_its_moment_stay_and_energy_does_not_grow(places, yaws, spe
     assert energy_j(fleet, states[-1]) < energy_j(fleet, states[0])
 
 
+@pytest.mark.medium
 def test_a_hull_does_not_get_in_between_two_others() -> None:
     """Catamarans bow to bow, shifted so that a hull of each is before the gap of the other."""
     fleet = Fleet.from_spec([FULL, FULL], Environment(), 0.0025)
@@ -160,6 +163,7 @@ def test_a_hull_does_not_get_in_between_two_others() -> None:
     assert apart[-1] > min(apart)
 
 
+@pytest.mark.medium
 def test_what_two_feel_of_each_other_is_equal_and_opposite() -> None:
     fleet = Fleet.from_spec([FULL, SMALL, FULL], weather(), 0.0025, names=("a", "b", "c"))
     state = fleets.initial(
@@ -176,6 +180,7 @@ def test_what_two_feel_of_each_other_is_equal_and_opposite() -> None:
     assert set(one.vessel.tolist()) == set(other.vessel.tolist()) == {0}
 
 
+@pytest.mark.medium
 def test_a_fleet_of_one_moves_exactly_like_the_vessel_alone() -> None:
     simulation = Simulation.from_spec(FULL, weather(), 0.0025)
     fleet = Fleet.from_spec([FULL], weather(), 0.0025)
@@ -206,6 +211,7 @@ def fleet_of(names: str, steps: int = 60) -> dict[str, bytes]:
     return {name: bytes_of(fleets.kinematics_of(fleet, state, number)) for number, name in enumerate(names)}
 
 
+@pytest.mark.medium
 def test_the_order_of_the_models_makes_no_difference_and_a_seed_repeats_a_fleet() -> None:
     first = fleet_of("abcdef")
     assert fleet_of("abcdef") == first
@@ -213,6 +219,7 @@ def test_the_order_of_the_models_makes_no_difference_and_a_seed_repeats_a_fleet(
         assert fleet_of(names) == first
 
 
+@pytest.mark.medium
 def test_steps_at_once_end_early_where_hulls_touch() -> None:
     fleet = Fleet.from_spec([FULL, FULL], weather(), 0.0025)
     alone = together = at_rest(fleet, [[0.0, 0.0], [3.2, 0.0]])
@@ -235,6 +242,7 @@ def test_steps_at_once_end_early_where_hulls_touch() -> None:
     assert touches > 10
 
 
+@pytest.mark.medium
 def test_all_have_one_weather_and_each_its_own_waves() -> None:
     environment = weather()
     fleet = Fleet.from_spec([FULL] * 3 + [SMALL], environment, 0.0025)
@@ -277,6 +285,7 @@ def test_a_vessel_that_is_nowhere_meets_nobody_and_the_others_still_meet() -> No
         assert not len(close_pairs(places[[0, 1]], np.full(2, 2.0))[0])
 
 
+@pytest.mark.medium
 def test_a_vessel_that_is_held_stays_while_its_sisters_go_on() -> None:
     fleet = Fleet.from_spec([FULL, FULL, SMALL], weather(), 0.0025)
     state = fleets.initial(

@@ -89,6 +89,7 @@ def test_allan_deviation_of_ten_minutes_at_rest(ten_minutes, channel, density, i
     assert max(hump.values()) == pytest.approx(instability, rel=2.0 * relative_deviation(max(taus_s)))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("rate_hz", [100.0, 400.0])
 def test_density_does_not_depend_on_the_rate(rate_hz):
     imu = Imu(
@@ -105,6 +106,7 @@ def test_density_does_not_depend_on_the_rate(rate_hz):
     assert gyro.std() == pytest.approx(GYRO_DENSITY * np.sqrt(rate_hz), rel=0.01)
 
 
+@pytest.mark.medium
 def test_axes_vessels_and_samples_are_independent():
     imu = Imu(ImuSpec(gyro_noise_density_radpsprthz=GYRO_DENSITY, accel_noise_density_mps2prthz=ACCEL_DENSITY))
     samples, vessels = 10_000, 8

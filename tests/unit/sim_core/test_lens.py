@@ -38,6 +38,7 @@ def test_a_fisheye_projects_as_opencv_does() -> None:
     np.testing.assert_allclose(lens.project(points), theirs[0], atol=1e-6)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "spec",
     [

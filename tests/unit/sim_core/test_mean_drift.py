@@ -89,6 +89,7 @@ def test_a_hull_held_fast_throws_short_waves_back_as_maruo_has_it(heading_deg: f
     assert abs(force[1 - component]) < 1e-6 * maruo
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("speed_mps", [-1.5, -0.5, 0.4, 2.0])
 def test_under_way_the_force_goes_by_the_frequency_of_encounter(speed_mps: float) -> None:
     """Radiated P k / (sigma - k V), no more than at rest; thrown back times 1 - 2 k V / sigma, and not against."""

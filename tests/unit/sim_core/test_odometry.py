@@ -28,6 +28,7 @@ def test_without_errors_it_is_the_motion_since_its_start_in_the_axes_of_then() -
     np.testing.assert_allclose(sample.gyro_frd_radps, now.gyro_frd_radps)
 
 
+@pytest.mark.medium
 def test_drift_grows_with_the_root_of_time_and_it_says_how_far() -> None:
     """0.1 m and 0.5 degrees a root second over 16 s: 0.4 m and 2 degrees; of 3000 within 5 % (3.9 sigma)."""
     rng = np.random.default_rng(3)
@@ -43,6 +44,7 @@ def test_drift_grows_with_the_root_of_time_and_it_says_how_far() -> None:
     assert math.degrees(sample.yaw_deviation_rad[0]) == pytest.approx(2.0)
 
 
+@pytest.mark.medium
 def test_a_drifting_heading_bends_the_way_and_moves_nothing_behind() -> None:
     """At 1 m/s north each step stays 0.1 m long; the way ends aside by v s t^1.5 / sqrt(3): of 3000 within 5 %."""
     rng = np.random.default_rng(6)

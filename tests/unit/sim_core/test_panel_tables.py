@@ -98,6 +98,7 @@ def test_the_drift_of_the_reference_is_the_one_of_capytaines_own_function(name: 
         assert (np.abs(energy - own) <= np.maximum(0.15 * energy, 0.03 * total_n)).all(), (PERIODS_S[row], energy, own)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", HULLS)
 def test_without_a_file_the_drift_is_bounded_by_total_reflection(name: str) -> None:
     """On every heading: never more than rho g a^2 / 2 on the walls that the waves meet, and never against them."""
@@ -114,6 +115,7 @@ def test_without_a_file_the_drift_is_bounded_by_total_reflection(name: str) -> N
     assert (along <= (0.5 + 1e-9) * WATER.density_kgpm3 * GRAVITY_MPS2 * walls).all()
 
 
+@pytest.mark.medium
 def test_the_sources_of_the_points_add_up_to_the_forces_of_the_tables() -> None:
     """On any heading, to a tenth of the largest for waves of 0.71 s and longer; in yaw to an eighth, from 0.78 s.
 
@@ -173,6 +175,7 @@ def test_a_file_that_does_not_fit_is_refused(change: object, problem: str, tmp_p
     assert error.value.path == ("hydrodynamics_file",)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("change", "why"),
     [

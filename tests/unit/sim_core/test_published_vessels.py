@@ -32,6 +32,7 @@ def shipped(name: str) -> VesselSpec:
     return vessel
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("shafts_radps", "surge_mps", "sway_mps", "yaw_radps", "heading_10_s_deg"),
     [

@@ -244,6 +244,7 @@ def test_a_mesh_of_a_box_is_the_box(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(flat.wrench(), wanted.wrench(), atol=0.02)  # of 24 kN: the file has single precision
 
 
+@pytest.mark.medium
 def test_a_mesh_of_a_cylinder_is_the_round_hull(tmp_path: Path) -> None:
     shape = trimesh.creation.cylinder(0.3, 4.0, sections=100)
     shape.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0)))
@@ -390,6 +391,7 @@ def wave_wrench(model: VesselSpec, wave_length_m: float, direction_deg: float, c
     return wrench
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("lengths", [8.0, 2.0, 1.0, 0.7])
 def test_waves_along_the_hull_lift_it_by_their_mean(lengths: float) -> None:
     """rho g B a 2 sin(k L / 2) / k under a crest amidships, and the pitching moment a quarter wave on.
@@ -411,6 +413,7 @@ def test_waves_along_the_hull_lift_it_by_their_mean(lengths: float) -> None:
     assert wrench[4] == pytest.approx(pitch - 0.2 * push, abs=4 * coarse + 0.5)
 
 
+@pytest.mark.medium
 def test_waves_across_a_single_hull_push_and_roll_it() -> None:
     """A long one: the weight times the slope to the side, and about the centre of buoyancy the stiffness times it."""
     model, wave_m = vessel(hull(), mass_kg=800.0), 40.0
@@ -455,6 +458,7 @@ def test_means_over_the_hulls_go_by_what_each_displaces() -> None:
     assert surface.gradient_ned[0, :2] == pytest.approx(gradient, abs=1e-8)
 
 
+@pytest.mark.medium
 def test_a_trimaran_rides_waves() -> None:
     side = HullSection(offsets_m=((0.0, 0.0), (0.3, 0.1)))
     floats = [hull(side, 2.0, y_m=y, strips=6, keel_frd_m=(-0.5, y, 0.25)) for y in (-1.2, 1.2)]

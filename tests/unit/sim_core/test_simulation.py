@@ -75,6 +75,7 @@ def test_a_batch_equals_single_runs() -> None:
             np.testing.assert_allclose(together[i], alone[0], atol=2e-5)
 
 
+@pytest.mark.medium
 def test_a_held_vessel_sails_on_as_after_steps_whose_motion_was_discarded() -> None:
     ways = []
     for frozen in (hold, lambda simulation, state, rng: step(simulation, state, np.array([[0.8, 0.6]]), rng)):
@@ -100,6 +101,7 @@ def test_step_leaves_its_arguments_alone() -> None:
         np.testing.assert_array_equal(then, now)
 
 
+@pytest.mark.medium
 def test_clock_counts_whole_nanoseconds() -> None:
     simulation, rng = rough(1)
     assert sailed(simulation, rng, 400).time_ns == 1_000_000_000
@@ -109,6 +111,7 @@ def test_clock_counts_whole_nanoseconds() -> None:
         Simulation.from_spec(FULL, simulation.environment, 0.0)
 
 
+@pytest.mark.medium
 def test_shapes_and_unit_quaternions() -> None:
     simulation, rng = rough(2)
     state = initial(simulation, np.zeros((5, 2)), np.zeros(5), rng)

@@ -124,6 +124,7 @@ def test_manoeuvres_of_kvlcc2(tanker: VesselSpec) -> None:
         assert order.overshoots_deg(track)[:3] == pytest.approx(paper_deg[:3], abs=0.5)
 
 
+@pytest.mark.medium
 def test_the_table_of_kvlcc2_with_its_published_resistance(tanker: VesselSpec) -> None:
     """With R'0 of table 3 and the revolutions that it needs: 3.13 lengths of advance, 3.12 of tactical diameter."""
     assert tanker.mmg is not None
@@ -180,6 +181,7 @@ def test_manoeuvres_of_the_mariner() -> None:
         assert order.overshoots_deg(track)[:3] == pytest.approx(expected[:3], abs=0.5)
 
 
+@pytest.mark.medium
 def test_the_published_program_of_the_mariner() -> None:
     """Figures of mariner.m under zigzag.m of MSS (2024), translated line by line, with its Euler steps of 0.1 s."""
     order = ZigZag(20.0)

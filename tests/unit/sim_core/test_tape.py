@@ -78,6 +78,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 }
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", FUNCTIONS)
 @given(seed=st.integers(0, 2**32 - 1), rows=st.sampled_from([1, 2, 3, 8, 19]))
 def test_a_recording_gives_what_numpy_gives(name: str, seed: int, rows: int) -> None:
@@ -156,6 +157,7 @@ def test_what_cannot_be_recorded_says_so(function: Callable[..., Any], says: str
         function(recorder.input((1, WIDTH)), recorder.input((1, WIDTH)))
 
 
+@pytest.mark.medium
 def test_the_kernel_is_compiled_once_into_a_private_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XITL_CACHE", str(tmp_path / "cache"))
     path = compiled_kernel()

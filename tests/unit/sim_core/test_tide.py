@@ -199,6 +199,7 @@ def test_a_stream_slackens_toward_the_banks() -> None:
     assert velocity[:, 0] == pytest.approx([1.0, 1.0 - 0.6 * 0.25, 0.4])
 
 
+@pytest.mark.medium
 def test_a_vessel_keeps_its_draft_while_the_water_falls_under_it() -> None:
     simulation = Simulation.from_spec(FULL, environment(QUICK), 0.01)
     rng = np.random.default_rng(1)

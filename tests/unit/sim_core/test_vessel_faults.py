@@ -86,6 +86,7 @@ def test_an_actuator_that_the_vessel_does_not_have_is_refused() -> None:
         make_condition(FULL, [ActuatorFault("rudder 0")], [])
 
 
+@pytest.mark.medium
 def test_a_healthy_battery_changes_no_motion_and_obeys_ohm_s_law() -> None:
     state = sailed(POWERED, [1.0, 0.5], 2000)
     assert bytes_of(state.vessel.motion) == bytes_of(sailed(FULL, [1.0, 0.5], 2000).vessel.motion)

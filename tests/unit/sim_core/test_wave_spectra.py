@@ -67,6 +67,7 @@ def test_a_long_record_returns_hs(spectrum: str) -> None:
     assert abs(elevation.mean()) < 1e-3
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("spectrum", "density"), [("pierson-moskowitz", pierson_moskowitz), ("jonswap", jonswap)])
 def test_records_return_the_spectrum(spectrum: str, density) -> None:
     """Welch over 60 seas of ten minutes, against the nominal density in bands; random places in bands average out."""
@@ -159,6 +160,7 @@ def test_spreading() -> None:
         assert np.sin(angles).mean() == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.medium
 def test_spread_waves_run_toward_the_mean_direction() -> None:
     flux = np.zeros(2)
     for seed in range(100):

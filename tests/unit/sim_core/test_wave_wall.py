@@ -99,6 +99,7 @@ def test_waves_that_leave_the_wall_are_as_without_it() -> None:
         assert getattr(alone, name).tobytes() == getattr(behind, name).tobytes()
 
 
+@pytest.mark.medium
 def test_a_boat_heaves_at_the_wall_and_hardly_at_the_first_node() -> None:
     model = load_profile("sitl").vehicle
     assert model is not None

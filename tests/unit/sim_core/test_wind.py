@@ -45,6 +45,7 @@ def test_gauss_markov_has_its_deviation_and_correlation_at_any_step(dt_s: float)
     assert np.corrcoef(first, value)[0, 1] == pytest.approx(math.exp(-0.5), abs=0.02)
 
 
+@pytest.mark.medium
 def test_one_long_record_has_the_same_statistics() -> None:
     """Ergodic: 4000 correlation times give the variance to about sqrt(2 / 4000) = 2 %."""
     gust = OrnsteinUhlenbeckGust(GaussMarkov(2.0, 0.5))

@@ -62,6 +62,7 @@ def test_points_give_the_straight_line_they_always_gave() -> None:
     np.testing.assert_allclose(boom.heading_rad, math.atan2(36.0, 48.0))
 
 
+@pytest.mark.medium
 def test_distances_are_those_to_a_fine_mesh() -> None:
     """24 of these points lie inside a float or pile; trimesh has the distance, not its sign."""
     piles = (Pile((0.0, 0.0), 0.8, -4.0, 6.0), Pile((40.0, 30.0), 0.8, -4.0, 6.0))

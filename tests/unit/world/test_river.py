@@ -45,6 +45,7 @@ def test_the_gradient_is_the_difference_quotient() -> None:
     np.testing.assert_array_equal(FlatBed(7.0).gradient(place), 0.0)
 
 
+@pytest.mark.medium
 def test_the_undulation_has_its_deviation_and_is_the_seeds() -> None:
     place = np.random.default_rng(0).uniform(-5000.0, 5000.0, (40_000, 2))
     rough = BED.bed_down_m(place) - PLAIN.bed_down_m(place)
@@ -86,6 +87,7 @@ def test_trees_and_rocks_stand_on_the_land_and_shoals_reach_out_of_the_water() -
     assert (rock[..., 2].min(axis=1) > 0.1 - 4.0).all()
 
 
+@pytest.mark.medium
 def test_a_dam_loses_the_volume_of_its_niches() -> None:
     """420 x 16 x 32 m less 14 niches of 18 x 8 x 15 m, and 14 x 24 bars of 0.15 x 0.15 x 15 m."""
     dam = DamSpec((76.4, 189.8, -1.0), (420.0, 16.0, 32.0), 36.87, Intakes(14, 18.0, 15.0, 4.5, 24))

@@ -57,6 +57,7 @@ def test_the_shipped_boom_by_points_is_where_it_was() -> None:
     np.testing.assert_allclose(boom.distance_m(points[1:-1]), 0.15, atol=1e-12, err_msg="in the middle of a gap")
 
 
+@pytest.mark.medium
 def test_the_river_has_about_100_000_triangles() -> None:
     assert 90_000 <= river_scenery().scene.triangles <= 120_000
     assert river_scenery().caster().triangles == river_scenery().scene.triangles
@@ -79,6 +80,7 @@ def test_the_mission_runs_300_m_along_the_boom_at_8_to_11_m_in_deep_water() -> N
     assert scenery.boom.distance_m(place[None])[0] > 25.0
 
 
+@pytest.mark.medium
 def test_everywhere_on_the_way_something_ahead_fixes_the_place_along_it() -> None:
     """Within 100 m, in the lidar's view: hits of a frame whose normal is within 60 degrees of the way."""
     profile, caster = river_profile(), river_scenery().caster()
@@ -106,6 +108,7 @@ def test_walls_of_a_catenary_lie_along_its_floats() -> None:
     np.testing.assert_allclose(walls.range_in_plan_m(north_east, across), 0.5, atol=1e-9)
 
 
+@pytest.mark.medium
 def test_the_river_is_drawn() -> None:
     """As much as a recording can bear, and the world of before as it was."""
     profiles = load_profile("sitl").runnable(), river_profile()
@@ -180,6 +183,7 @@ def test_a_world_that_cannot_be_is_refused(world: str, golden: Golden, tmp_path:
     golden("problem", [problem.sentence for problem in raised.value.problems])
 
 
+@pytest.mark.medium
 def test_intakes_and_piles_stand_where_the_profile_says() -> None:
     """A ray at the height of the intakes goes 8 m further into an opening than between two."""
     profile, caster = river_profile(), river_scenery().caster()

@@ -104,6 +104,7 @@ def test_polygons_are_shrunk_and_wrapped() -> None:
     assert sorted(convex_hull(np.concatenate([inside, square])).tolist()) == sorted(square.tolist())
 
 
+@pytest.mark.medium
 def test_a_vessel_that_is_run_over_takes_the_speed_of_the_barge_and_the_barge_keeps_to_its_track() -> None:
     """Against a wall that moves: it leaves at (1 + e) times the wall's speed, if nothing holds it back."""
     traffic = [barge((-40.0, 0.0), (300.0, 0.0), speed_mps=SPEED_MPS)]

@@ -74,6 +74,7 @@ def test_a_propeller_has_its_diameter() -> None:
     assert 2.0 * np.hypot(vertices[:, 1], vertices[:, 2]).max() == pytest.approx(0.5, rel=0.01)
 
 
+@pytest.mark.medium
 def test_the_view_and_the_cameras_draw_the_same_vessel(tmp_path: Path) -> None:
     profile = profile_of(tmp_path, "vehicles/otter")
     parts = vessel_parts(profile.vehicle, profile.environment.water)
@@ -123,6 +124,7 @@ def test_a_mesh_with_holes_is_refused(tmp_path: Path) -> None:
         profile_of(tmp_path, "vehicles/asv-full", "vehicle: {visual: {file: boat.stl}}\n")
 
 
+@pytest.mark.medium
 def test_the_ground_is_bare_at_the_shore_and_green_above() -> None:
     profile = load_profile("sitl-camera").runnable()
     scenery = Scenery(profile)

@@ -125,6 +125,7 @@ def test_a_measurement_of_this_machine() -> None:
     assert "rule: p99.9 of start lateness below 1/4 of the period" in text
 
 
+@pytest.mark.medium
 def test_without_permission_it_says_so_and_measures_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     sentence = "no SCHED_FIFO at priority 50 (Operation not permitted); start as root"
     monkeypatch.setattr(latency, "schedule", lambda priority: sentence)
@@ -136,6 +137,7 @@ def test_without_permission_it_says_so_and_measures_the_rest(monkeypatch: pytest
     assert sentence in " ".join(report_text(report).split())
 
 
+@pytest.mark.medium
 def test_a_system_without_clock_nanosleep_measures_its_own_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(latency, "absolute_sleep", lambda: None)
     rows = list(latency.measure_loops((100.0,), QUICK_S))
@@ -151,6 +153,7 @@ def test_an_address_without_an_agent(monkeypatch: pytest.MonkeyPatch) -> None:
         measure_link("nowhere://x", QUICK_S)
 
 
+@pytest.mark.medium
 def test_an_agent_at_an_address() -> None:
     with latency.agent_process(0) as url:
         link = measure_link(url, QUICK_S)
@@ -168,6 +171,7 @@ def test_after_fifo_the_scheduling_is_as_before() -> None:
     assert os.sched_getscheduler(0) == before
 
 
+@pytest.mark.medium
 def test_the_load_ends_with_its_context() -> None:
     with latency.load() as count:
         assert 1 <= count <= latency.MOST_LOADS

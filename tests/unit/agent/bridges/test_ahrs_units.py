@@ -323,6 +323,7 @@ def test_a_vectornav_is_silent_until_it_is_set_up() -> None:
     assert bench.unit.counts.taken
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("make", [VectorNav, MicroStrain7])
 def test_what_flows(make: Callable[[SensorLine], Ahrs]) -> None:
     bench = Bench(make)
@@ -351,6 +352,7 @@ def test_the_newest_inertial_sample_alone_is_repeated(make: Callable[[SensorLine
     assert bench.wire.sent == [last]
 
 
+@pytest.mark.medium
 def test_no_solution_before_a_place_is_known() -> None:
     bench = vectornav_bench()
     bench.run(10.0, without=("gnss",))
@@ -359,6 +361,7 @@ def test_no_solution_before_a_place_is_known() -> None:
     assert bench.frames(SOLUTION)
 
 
+@pytest.mark.medium
 def test_the_solution_is_where_and_how_the_vessel_is() -> None:
     bench = vectornav_bench()
     bench.run(20.0)
@@ -374,6 +377,7 @@ def test_the_solution_is_where_and_how_the_vessel_is() -> None:
     assert alt_m == pytest.approx(ALT_M, abs=0.5)
 
 
+@pytest.mark.medium
 def test_a_dead_compass_is_told_in_the_status() -> None:
     bench = vectornav_bench()
     bench.run(10.0)
@@ -406,6 +410,7 @@ def test_nobody_there_is_said_once(make: Callable[[SensorLine], Ahrs], name: str
     assert not bench.unit.counts.taken
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("make", [VectorNav, MicroStrain7])
 def test_a_line_is_called_when_there_is_a_sample_for_it(make: Callable[[SensorLine], Ahrs], opened: ExitStack) -> None:
     """An ArduPilot that waits to be called boots then, and stays in an error for good where no pressure follows."""
@@ -496,6 +501,7 @@ def test_only_who_makes_sense_is_the_other_end() -> None:
     assert bench.wire.credited == 1
 
 
+@pytest.mark.medium
 def test_lockstep_repeats_itself_byte_for_byte() -> None:
     runs = []
     for date in (0.0, 2e9):

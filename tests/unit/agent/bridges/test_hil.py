@@ -148,6 +148,7 @@ def test_the_date_is_this_machine_s_and_in_lockstep_always_the_same() -> None:
         assert bridge.line.of("HIL_GPS")[0].time_usec == pytest.approx((unix_s + 1.0) * 1e6, abs=1)
 
 
+@pytest.mark.medium
 def test_the_solution_of_our_own_estimator_follows_once_it_has_a_place(bridge: Bridge) -> None:
     """At rest, level, heading north in a field that points there."""
     for step in range(2400):

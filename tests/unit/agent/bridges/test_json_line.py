@@ -45,6 +45,7 @@ def test_what_is_no_servo_packet(data: bytes) -> None:
     assert parse_servo_head(data) is None
 
 
+@pytest.mark.medium
 @given(st.binary(max_size=100))
 def test_garbage_never_raises(data: bytes) -> None:
     parse_servo_head(data)

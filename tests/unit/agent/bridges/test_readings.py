@@ -155,6 +155,7 @@ messages = st.one_of(
 )
 
 
+@pytest.mark.medium
 @settings(max_examples=60, deadline=None)
 @given(st.lists(messages, max_size=40))
 def test_whatever_the_host_says_nothing_breaks(said: list[Message]) -> None:
@@ -170,6 +171,7 @@ def test_whatever_the_host_says_nothing_breaks(said: list[Message]) -> None:
         injector.close()
 
 
+@pytest.mark.medium
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(["in", "out", "drop", "hs", "?"]), numbers), max_size=20))
 def test_whatever_the_script_says_nothing_breaks(told: list[tuple[str, float]]) -> None:

@@ -213,6 +213,7 @@ def test_a_command_of_foreign_letters_is_refused() -> None:
     assert CommandPort().feed(b"$VNWRG,75,0,\xe9*XX\r\n") == [sentence("VNERR,04")]
 
 
+@pytest.mark.medium
 @given(st.lists(st.one_of(st.binary(max_size=40), st.sampled_from([sentence(body) for body in SET_UP])), max_size=12))
 def test_anything_is_answered_or_counted(chunks: list[bytes]) -> None:
     port = CommandPort()

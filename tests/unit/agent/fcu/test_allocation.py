@@ -46,6 +46,7 @@ def test_square_propellers_ahead_and_astern() -> None:
     assert allocate(g, Allocation(), 0.0, 0.25, 0.02).command == pytest.approx((0.5, -(0.5**0.5)))
 
 
+@pytest.mark.medium
 @given(demand, demand, demand, demand)
 def test_slew_limits_every_step(a: float, b: float, c: float, d: float) -> None:
     g = AllocationGains(astern=0.6, expo=1.0, slew_per_s=2.0)
@@ -62,6 +63,7 @@ def allocator(**values: float) -> ThrustAllocator:
     return ThrustAllocator(Parameters({"MOT_THST_ASYM": 2.0, **values}))
 
 
+@pytest.mark.medium
 @given(demand, demand)
 def test_thrust_that_turns_gives_steering_first_and_thrust_as_far_as_they_fit(surge: float, turn: float) -> None:
     """Throttle along a direction: its parts ahead and aside are what was asked for; thrust is raised for steering."""

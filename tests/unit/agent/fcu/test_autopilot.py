@@ -133,6 +133,7 @@ def test_disarmed_and_hold_are_neutral() -> None:
     assert autopilot.control(boat.time_ns) == Actuators((0.0, 0.0), False, False)
 
 
+@pytest.mark.medium
 def test_imu_lost_and_found() -> None:
     boat, sensors, autopilot = Boat(), Sensors(1, Noise()), ready()
     armed(boat, sensors, autopilot)
@@ -155,6 +156,7 @@ def test_imu_lost_and_found() -> None:
     assert autopilot.state.mode == modes.AUTO
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("action", "mode"), [(1.0, modes.HOLD), (0.0, modes.AUTO)])
 def test_position_lost(action: float, mode: int) -> None:
     boat, sensors, autopilot = Boat(), Sensors(1, Noise()), ready(FS_EKF_ACTION=action)

@@ -50,6 +50,7 @@ def scripted(*given: Any) -> Any:
     return type("Scripted", (Scripted,), {"answers": given})
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("spec", [None, EXAMPLE], ids=["built in", "example"])
 def test_a_mission_is_flown_in_a_current(spec: str | None) -> None:
     ship = SteeredBoat(
@@ -115,6 +116,7 @@ def test_a_failing_controller_is_neutral_said_once_and_counted(answer: Any) -> N
     assert ship.mode == "LOITER"
 
 
+@pytest.mark.medium
 def test_answers_are_limited_and_motors_go_out_as_they_are() -> None:
     ship = SteeredBoat(make_controller=scripted(Motors(0.25, -7.0))).set_out(modes.LOITER)
     ship.sail(0.1)
@@ -203,6 +205,7 @@ def test_what_cannot_be_used_is_refused_by_name(spec: str, words: str, tmp_path:
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.medium
 def test_the_documented_one_works() -> None:
     text = (ROOT / "docs" / "controller.md").read_text()
     source = text.split("```python\n")[1].split("```")[0]

@@ -59,6 +59,7 @@ def test_a_late_fix_is_fused_where_it_was_taken(latency_s: float) -> None:
     assert max(abs(roll), abs(pitch), abs(yaw)) < 0.1
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("latency_s", [0.12, 0.6])
 def test_a_circle_does_not_tilt_the_estimate(latency_s: float) -> None:
     """u r = 0.5 m/s² of centripetal acceleration would look like 3 degrees of heel to an accelerometer alone.
@@ -80,6 +81,7 @@ def test_a_circle_does_not_tilt_the_estimate(latency_s: float) -> None:
     assert worst[4] < 0.02 + 0.1 * latency_s
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_consumer_sensors_in_waves(seed: int) -> None:
     """A drifting, rolling, heaving boat. Limits: what the autopilot is specified for, not the filter's covariance."""
@@ -122,6 +124,7 @@ def test_hard_iron_is_taken_off_by_the_compass_offsets() -> None:
     assert abs(read(boat, sensors, autopilot)[2]) < 0.1
 
 
+@pytest.mark.medium
 def test_lever_arms_are_taken_off() -> None:
     """IMU forward of and antenna above a rolling, turning boat: position and velocity are those of the origin."""
     arm, imu_arm = (-0.5, 0.2, -1.2), (0.6, 0.0, 0.0)
@@ -170,6 +173,7 @@ def test_lever_arms_are_taken_off() -> None:
     assert worst[4] < 0.1  # the antenna swings with 0.46 m/s
 
 
+@pytest.mark.medium
 def test_height_follows_the_heave() -> None:
     boat = Boat(heave_amplitude_m=0.3)
     sensors = Sensors(1, SILENT)
@@ -185,6 +189,7 @@ def test_height_follows_the_heave() -> None:
     assert max(map(abs, seen)) < 0.05
 
 
+@pytest.mark.medium
 def test_an_outlier_is_gated_and_a_lasting_one_believed() -> None:
     boat = Boat(surge_mps=2.0)
     sensors = Sensors(1, SILENT)
@@ -204,6 +209,7 @@ def test_an_outlier_is_gated_and_a_lasting_one_believed() -> None:
     assert errors(boat, autopilot)[3] < 0.2
 
 
+@pytest.mark.medium
 def test_one_velocity_outlier_does_not_tilt_the_attitude() -> None:
     boat = Boat()
     sensors = Sensors(1, SILENT)
@@ -219,6 +225,7 @@ def test_one_velocity_outlier_does_not_tilt_the_attitude() -> None:
     assert velocity_mps < 0.05
 
 
+@pytest.mark.medium
 def test_position_is_believed_for_five_seconds_without_fixes() -> None:
     boat = Boat(surge_mps=2.0)
     sensors = Sensors(1, SILENT)
@@ -276,6 +283,7 @@ def test_repeated_and_older_samples_are_refused() -> None:
     assert not autopilot.estimator.on_gnss(fix)
 
 
+@pytest.mark.medium
 def test_a_gap_in_the_imu_is_bridged() -> None:
     boat = Boat(yaw_rad=0.3, surge_mps=2.0)
     sensors = Sensors(1, SILENT)

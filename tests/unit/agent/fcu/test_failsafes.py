@@ -29,6 +29,7 @@ def hear(ship: SteeredBoat, seconds: float, system_id: int = 255) -> None:
         ship.sail(1.0)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("action", "mode"),
     [(0, "AUTO"), (1, "RTL"), (2, "HOLD"), (3, "SMART_RTL"), (4, "SMART_RTL"), (5, "disarmed"), (6, "LOITER")],
@@ -55,6 +56,7 @@ def test_ground_station_lost_and_found(action: int, mode: str) -> None:
         assert ship.mode == mode  # what it did stays done
 
 
+@pytest.mark.medium
 def test_going_on_in_auto_but_not_in_guided() -> None:
     ship = under_way(modes.AUTO, FS_GCS_ENABLE=2)
     hear(ship, 1)
@@ -67,6 +69,7 @@ def test_going_on_in_auto_but_not_in_guided() -> None:
     assert ship.mode == "HOLD"
 
 
+@pytest.mark.medium
 def test_a_station_never_heard_of_or_another_one_is_not_missed() -> None:
     ship = under_way(modes.AUTO)
     ship.sail(10.0)
@@ -75,6 +78,7 @@ def test_a_station_never_heard_of_or_another_one_is_not_missed() -> None:
     assert (ship.mode, ship.autopilot.failsafes.active) == ("AUTO", ())
 
 
+@pytest.mark.medium
 def test_sticks_are_let_go_when_their_station_is_lost() -> None:
     ship = under_way(modes.MANUAL, FS_ACTION=0, RC_OVERRIDE_TIME=-1)
     hear(ship, 1)
@@ -85,6 +89,7 @@ def test_sticks_are_let_go_when_their_station_is_lost() -> None:
     assert set(ship.autopilot.manual.widths_us(ship.autopilot.state.now_ns)) == {0}
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("action", "mode", "times"), [(0, "GUIDED", 0), (1, "HOLD", 1), (2, "GUIDED", 1)])
 def test_position_lost_and_found(action: int, mode: str, times: int) -> None:
     ship = under_way(modes.GUIDED, FS_EKF_ACTION=action)

@@ -75,6 +75,7 @@ def test_the_circle_around_home_and_its_bit() -> None:
     assert clearance_m([circle(CIRCLE_IN, 0.0, 0.0, 1.0)], 80.0, 0.0, FENCE_TYPE=0) == math.inf
 
 
+@pytest.mark.medium
 @given(st.floats(-300, 300), st.floats(-300, 300), st.integers(3, 12), st.floats(5.0, 200.0))
 def test_a_regular_polygon_lies_between_its_circles(
     north_m: float, east_m: float, corners: int, radius_m: float
@@ -116,6 +117,7 @@ def test_what_is_no_fence_is_refused_and_the_old_one_kept(items: list[FenceItem]
         Fence(Parameters()).replace(items)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("action", "mode", "said"),
     [(0, "ACRO", "Fence breached"), (1, "RTL", "Fence breached, RTL"), (2, "HOLD", "Fence breached, HOLD")],
@@ -138,6 +140,7 @@ def test_a_breach_acts_says_so_once_and_is_over_inside(action: int, mode: str, s
     assert ship.said.count(said) == 1
 
 
+@pytest.mark.medium
 def test_who_takes_over_outside_is_told_again_only_further_out() -> None:
     ship = SteeredBoat(FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=15.0, FENCE_ACTION=2).set_out(modes.ACRO)
     ship.hold_sticks(12.0, 0, 600)

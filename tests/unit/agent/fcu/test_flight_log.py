@@ -189,6 +189,7 @@ def test_position_is_the_boats(flown: tuple[Flight, dict[str, list[Any]]]) -> No
     assert rows["POS"][-1].RelHomeAlt == pytest.approx(rows["POS"][-1].Alt - home.alt_m, abs=1e-4)
 
 
+@pytest.mark.medium
 def test_every_sample_is_there(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     samples = flight.autopilot.samples
@@ -418,6 +419,7 @@ def test_long_loops_load_and_tasks_in_real_time(tmp_path: Path) -> None:
     assert (miss.Late, miss.Run, miss.Skip) == (30_000, 2500, 1)
 
 
+@pytest.mark.medium
 def test_losing_position_and_imu_are_errors(tmp_path: Path) -> None:
     flight = Flight(tmp_path / "log.bin")
     autopilot = flight.autopilot
@@ -436,6 +438,7 @@ def test_losing_position_and_imu_are_errors(tmp_path: Path) -> None:
     assert errors == [(16, 2), (17, 1), (16, 0), (17, 0), (26, 1), (26, 0)]
 
 
+@pytest.mark.medium
 def test_sticks_ground_station_and_fence(tmp_path: Path) -> None:
     """MANUAL under overrides, out of a circle of 15 m that only reports, and a station that falls silent."""
     flight = Flight(tmp_path / "log.bin", FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=15, FENCE_ACTION=0, FS_ACTION=2,

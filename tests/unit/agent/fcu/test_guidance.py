@@ -75,6 +75,7 @@ def test_the_bow_must_come_round_before_speed_is_made() -> None:
     )
 
 
+@pytest.mark.medium
 def test_the_integral_is_bounded_and_turns_with_the_course() -> None:
     state = GuidanceState()
     for _ in range(100_000):
@@ -88,6 +89,7 @@ def test_the_integral_is_bounded_and_turns_with_the_course() -> None:
 places = st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5))
 
 
+@pytest.mark.medium
 @given(places, places, st.none() | places, places, st.floats(-4.0, 4.0), st.floats(-10.0, 10.0), st.floats(0.1, 20.0))
 def test_any_geometry_gives_a_finite_course(start, end, after, position, yaw, speed, desired) -> None:
     _, output = follow_leg(GAINS, GuidanceState(), make_leg(start, end, after), position, yaw, speed, desired, 0.02)

@@ -15,6 +15,7 @@ from agent.fcu.vehicle.navigation import COURSE, POSITION, TURN, VELOCITY
 CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]
 
 
+@pytest.mark.medium
 def test_guided_goes_to_a_place_and_stays_there() -> None:
     ship = SteeredBoat(Boat(current_ne_mps=(0.0, 0.4))).set_out(modes.GUIDED)
     here = (ship.boat.north_m, ship.boat.east_m)
@@ -36,6 +37,7 @@ def test_guided_goes_to_a_place_and_stays_there() -> None:
     assert ship.distance_m(0.0, 0.0) < 2.5  # the origin is a mean of fixes
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("current", CURRENTS, ids=str)
 def test_guided_follows_a_velocity_and_stops_when_it_is_not_repeated(current: tuple[float, float]) -> None:
     ship = SteeredBoat(Boat(current_ne_mps=current)).set_out(modes.GUIDED)
@@ -55,6 +57,7 @@ def test_guided_follows_a_velocity_and_stops_when_it_is_not_repeated(current: tu
     assert ship.distance_m(*here) < 2.0
 
 
+@pytest.mark.medium
 def test_guided_velocity_with_a_heading_may_go_astern() -> None:
     ship = SteeredBoat().set_out(modes.GUIDED)
     ship.repeat(15.0, lambda: ship.autopilot.commands.set_velocity(-0.8, 0.0, yaw_rad=0.0))
@@ -64,6 +67,7 @@ def test_guided_velocity_with_a_heading_may_go_astern() -> None:
     assert ship.speed_mps < 0.15
 
 
+@pytest.mark.medium
 def test_guided_course_and_turn_rate() -> None:
     ship = SteeredBoat().set_out(modes.GUIDED)
     ship.repeat(20.0, lambda: ship.autopilot.commands.set_course(math.radians(100.0), 1.5))
@@ -109,6 +113,7 @@ def test_targets_are_for_guided_only() -> None:
     assert ship.autopilot.guided_target is None
 
 
+@pytest.mark.medium
 def test_a_target_given_before_arming_is_kept_and_a_stale_velocity_is_not() -> None:
     ship = SteeredBoat()
     ship.sail(12.0)
@@ -125,6 +130,7 @@ def test_a_target_given_before_arming_is_kept_and_a_stale_velocity_is_not() -> N
     assert ship.distance_m(20.0, 0.0) < 3.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("mode", [modes.GUIDED, modes.AUTO])
 def test_a_change_of_speed_is_for_the_mode_it_was_asked_in(mode: int) -> None:
     ship = SteeredBoat()

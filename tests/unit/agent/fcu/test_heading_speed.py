@@ -75,6 +75,7 @@ def test_integrals_do_not_wind_up_while_limited() -> None:
     assert speed.integral < 0.1  # the way back stays open
 
 
+@pytest.mark.medium
 @given(st.floats(-math.pi, math.pi), st.floats(0.5, 10.0), st.floats(-10.0, 10.0))
 def test_ground_speed_with_way_on_is_the_length_of_the_velocity(yaw: float, ahead: float, aside: float) -> None:
     north = ahead * math.cos(yaw) - aside * math.sin(yaw)
@@ -87,6 +88,7 @@ def test_ground_speed_astern_is_negative_and_at_rest_zero() -> None:
     assert ground_speed_mps(0.0, 0.0, 0.0) == 0.0
 
 
+@pytest.mark.medium
 @given(*[st.floats(-1e3, 1e3) for _ in range(4)])
 def test_demands_stay_within_full(heading: float, yaw: float, rate: float, speed: float) -> None:
     assert (

@@ -52,6 +52,7 @@ def sailing() -> tuple[MavlinkChannel, Boat]:
     return channel, boat
 
 
+@pytest.mark.medium
 def test_a_repeated_start_continues_the_mission() -> None:
     """Ground stations repeat a command whose answer was lost."""
     channel, boat = sailing()
@@ -163,6 +164,7 @@ def test_whole_numbers_have_their_type() -> None:
     assert all(v.param_type == 9 or v.param_value == int(v.param_value) for v in values)
 
 
+@pytest.mark.medium
 def test_a_parameter_set_in_flight_takes_effect() -> None:
     channel, boat = sailing()
     channel.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 1.5, 9)), boat.time_ns)
@@ -208,6 +210,7 @@ def test_only_what_is_addressed_here_is_answered(system: int, component: int, an
     assert len(channel.handle(message, 0)) == answered
 
 
+@pytest.mark.medium
 def test_telemetry_under_way() -> None:
     channel, boat = sailing()
     start = boat.time_ns
@@ -246,6 +249,7 @@ def test_telemetry_under_way() -> None:
         assert packer.parse_buffer(message.pack(packer))[0].get_type() == message.get_type()
 
 
+@pytest.mark.medium
 def test_reached_waypoints_and_texts_are_said_once() -> None:
     channel, boat = sailing()
     messages: list[Any] = []
@@ -334,6 +338,7 @@ HANDLED = [
 ]
 
 
+@pytest.mark.medium
 @settings(max_examples=300)
 @given(st.lists(st.one_of([_message(cls) for cls in HANDLED]), max_size=30), st.booleans())
 def test_no_field_values_raise_and_the_state_stays_finite(messages: list[Any], imu_runs: bool) -> None:

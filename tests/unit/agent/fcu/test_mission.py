@@ -174,6 +174,7 @@ def test_loitering_here_for_ever_and_going_home() -> None:
     assert pilot.steer(now((30.0, 40.0), 0.0, 0.0)).distance_m == pytest.approx(40.0)
 
 
+@pytest.mark.medium
 @given(
     st.sampled_from([*COMMANDS, 999]),
     st.tuples(*[st.floats()] * 4),

@@ -351,6 +351,7 @@ def test_clear_all_kinds() -> None:
     assert channel.autopilot.navigator.mission.items == ()
 
 
+@pytest.mark.medium
 @settings(max_examples=150)
 @given(st.data())
 def test_any_order_and_any_loss_leave_a_valid_state(data: st.DataObject) -> None:

@@ -277,6 +277,7 @@ ANY_ITEM = st.builds(
 ) | st.builds(at, st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.sampled_from(sorted(COMMANDS)), st.just(1.0))
 
 
+@pytest.mark.medium
 @given(st.lists(ANY_ITEM, min_size=1, max_size=12))
 def test_any_items_keep_the_guidance_finite(items: list[MissionItem]) -> None:
     items = [item for item in items if item.command != 177 or 1 <= item.parameters[0] <= len(items)]

@@ -17,6 +17,7 @@ from agent.navigation.geodetic import LocalProjection
 CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]
 
 
+@pytest.mark.medium
 def test_manual_passes_the_sticks_through_and_centres_them_when_nobody_holds_them() -> None:
     """Thrust 1 is both full ahead; half of it is a command of sqrt(0.5), the thrust being square in the command."""
     ship = SteeredBoat(MOT_SLEWRATE=0.0, RC3_DZ=0.0, RC1_DZ=0.0).set_out(modes.MANUAL)
@@ -30,6 +31,7 @@ def test_manual_passes_the_sticks_through_and_centres_them_when_nobody_holds_the
     assert ship.command == (0.0, 0.0)
 
 
+@pytest.mark.medium
 def test_acro_turns_and_sails_at_what_the_sticks_say() -> None:
     ship = SteeredBoat(ACRO_TURN_RATE=20.0, SPEED_MAX=4.0, RC1_DZ=0.0, RC3_DZ=0.0).set_out(modes.ACRO)
     ship.hold_sticks(10.0, 500, 500)
@@ -44,6 +46,7 @@ def test_acro_turns_and_sails_at_what_the_sticks_say() -> None:
     assert (ship.boat.surge_mps, ship.boat.yaw_rate_radps) == pytest.approx((0.0, 0.0), abs=0.1)
 
 
+@pytest.mark.medium
 def test_steering_turns_by_lateral_acceleration_and_on_the_spot_by_turn_rate() -> None:
     """Full stick is ATC_TURN_MAX_G across: a rate of a/v."""
     ship = SteeredBoat(SPEED_MAX=4.0, ATC_TURN_MAX_G=0.1, RC1_DZ=0.0, RC3_DZ=0.0).set_out(modes.STEERING)
@@ -56,6 +59,7 @@ def test_steering_turns_by_lateral_acceleration_and_on_the_spot_by_turn_rate() -
     assert math.degrees(ship.boat.yaw_rate_radps) == pytest.approx(30.0, abs=2.0)
 
 
+@pytest.mark.medium
 def test_hold_is_neutral() -> None:
     ship = SteeredBoat().set_out(modes.HOLD)
     ship.hold_sticks(1.0, 500, 500)
@@ -96,6 +100,7 @@ def test_which_end_goes_first(loiter_type: int, yaw_deg: float, heading_deg: flo
     assert output.distance_m == pytest.approx(5.0)
 
 
+@pytest.mark.medium
 def test_loiter_starts_where_the_vessel_can_stop() -> None:
     ship = SteeredBoat(RC3_DZ=0.0).set_out(modes.ACRO)
     ship.hold_sticks(12.0, 0, 600)
@@ -108,6 +113,7 @@ def test_loiter_starts_where_the_vessel_can_stop() -> None:
     assert ship.boat.north_m - start_m < speed_mps**2 / 2.0 / 0.7 + 4.0
 
 
+@pytest.mark.medium
 def test_rtl_comes_home_at_its_speed_and_stays() -> None:
     ship = SteeredBoat(Boat(current_ne_mps=(0.3, 0.2)), RTL_SPEED=2.0, RC3_DZ=0.0).set_out(modes.ACRO)
     home = (ship.boat.north_m, ship.boat.east_m)
@@ -134,6 +140,7 @@ def test_modes_that_steer_by_the_position_need_one_when_armed(mode: int) -> None
         assert ship.autopilot.set_mode(free) == ""
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("behave", "mode"), [(0, "HOLD"), (1, "LOITER")])
 def test_what_a_mission_ends_in(behave: int, mode: str) -> None:
     ship = SteeredBoat(MIS_DONE_BEHAVE=behave)
@@ -144,6 +151,7 @@ def test_what_a_mission_ends_in(behave: int, mode: str) -> None:
     assert f"Mission complete: {mode}" in ship.said
 
 
+@pytest.mark.medium
 def test_home_that_moves_is_gone_to() -> None:
     ship = SteeredBoat().set_out(modes.RTL)
     ship.sail(5.0)

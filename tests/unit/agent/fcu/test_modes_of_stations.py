@@ -28,6 +28,7 @@ def do(command: int, *parameters: float) -> MissionItem:
     return MissionItem(command, parameters=(*parameters, *[0.0] * (4 - len(parameters))))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("kind", "heading_deg"), [(0, 90.0 + 45.0), (1, 45.0)])
 def test_simple_goes_where_the_stick_points(kind: int, heading_deg: float) -> None:
     """From the heading at arming, or from north: forward and right is 45 degrees from there."""
@@ -44,6 +45,7 @@ def test_simple_goes_where_the_stick_points(kind: int, heading_deg: float) -> No
     assert ship.speed_mps < 0.3
 
 
+@pytest.mark.medium
 def test_circle_goes_around_where_it_was_begun() -> None:
     ship = SteeredBoat(CIRC_RADIUS=10.0, CIRC_DIR=1.0, CIRC_SPEED=1.5).set_out(modes.CIRCLE)
     ship.sail(30.0)
@@ -54,6 +56,7 @@ def test_circle_goes_around_where_it_was_begun() -> None:
     assert ship.speed_mps == pytest.approx(1.5, abs=0.2)
 
 
+@pytest.mark.medium
 def test_smart_rtl_comes_back_the_way_it_went() -> None:
     ship = SteeredBoat()
     places = [degrees(25.0, 0.0), degrees(25.0, 25.0)]
@@ -91,6 +94,7 @@ def test_modes_that_are_not_there_are_refused_by_name() -> None:
         assert f"mode {name} is not supported" in ship.autopilot.set_mode(number)
 
 
+@pytest.mark.medium
 def test_a_mission_is_sailed_stern_first_and_bow_first_again() -> None:
     ship = SteeredBoat(WP_SPEED=1.0, WP_SPEED_MIN=0.5)
     ship.boat.yaw_rad = math.pi
@@ -106,6 +110,7 @@ def test_a_mission_is_sailed_stern_first_and_bow_first_again() -> None:
     assert abs(math.remainder(ship.boat.yaw_rad, 2.0 * math.pi)) < 0.3
 
 
+@pytest.mark.medium
 def test_a_mission_leaves_the_vessel_to_guided_targets() -> None:
     ship = SteeredBoat()
     items = [do(222, 12.0), do(GUIDED_ENABLE, 1.0), waypoint(*degrees(0.0, 10.0))]
@@ -157,6 +162,7 @@ def test_a_servo_is_moved_to_and_fro() -> None:
     assert "use 500 to 2500" in servos.set(5, 100)
 
 
+@pytest.mark.medium
 def test_prearm_problems_are_repeated() -> None:
     """Every 30 s, and 4 s after the last time when a check begins to fail."""
     ship = SteeredBoat()

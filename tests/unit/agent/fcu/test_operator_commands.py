@@ -100,6 +100,7 @@ def give(ship: SteeredBoat, name: str, values: tuple[Any, ...]) -> None:
         assert answer is None or isinstance(answer, (str, tuple))
 
 
+@pytest.mark.medium
 @settings(max_examples=200)
 @given(st.sampled_from(list(modes.NAMES)), st.booleans(), st.lists(ORDERS, min_size=3, max_size=25))
 def test_any_orders_in_any_sequence_keep_the_outputs_finite(
@@ -176,6 +177,7 @@ def test_by_force_the_checks_are_skipped_and_it_is_said() -> None:
     assert [event.text for event in ship.autopilot.events.drain()] == ["Armed by force, checks skipped"]
 
 
+@pytest.mark.medium
 def test_home_moves_at_arming_unless_it_was_set() -> None:
     ship = SteeredBoat()
     assert "before there is a position" in ship.autopilot.commands.set_home(*degrees(5.0, 5.0), 0.0)

@@ -95,6 +95,7 @@ def test_a_bad_line_is_named_and_nothing_is_set(line: str, words: str) -> None:
     assert parameters["WP_RADIUS"] == 2.0
 
 
+@pytest.mark.medium
 @given(st.text(max_size=200))
 def test_any_text_loads_or_is_refused(text: str) -> None:
     parameters = Parameters()

@@ -137,6 +137,7 @@ def test_a_new_origin_moves_it() -> None:
     assert trail.path.points[0] == pytest.approx((-10.0, 0.0), abs=1e-3)
 
 
+@pytest.mark.medium
 @given(st.lists(PLACE, max_size=40), st.floats(0.1, 10.0))
 def test_thinning_keeps_the_ends_and_leaves_no_point_far_off(places: list[tuple[float, float]], least_m: float) -> None:
     kept = thinned(places, least_m)
@@ -154,6 +155,7 @@ def _off_m(place: tuple[float, float], a: tuple[float, float], b: tuple[float, f
     return math.hypot(place[0] - a[0] - along * dn, place[1] - a[1] - along * de)
 
 
+@pytest.mark.medium
 @given(st.lists(PLACE, min_size=1, max_size=8))
 def test_any_way_is_tidied_and_ends_where_it_ended(places: list[tuple[float, float]]) -> None:
     trail = Trail()

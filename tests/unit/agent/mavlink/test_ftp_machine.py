@@ -6,6 +6,7 @@ import random
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import precondition, rule
@@ -334,5 +335,5 @@ class FtpMachine(ProtocolMachine):
             assert task.result in task.contents
 
 
-TestFtpMachine = FtpMachine.TestCase
+TestFtpMachine = pytest.mark.medium(FtpMachine.TestCase)
 TestFtpMachine.settings = settings(max_examples=200, stateful_step_count=30)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import invariant, precondition, rule
@@ -283,5 +284,5 @@ class MissionMachine(ProtocolMachine):
         assert self.plans[MISSION] == rows
 
 
-TestMissionMachine = MissionMachine.TestCase
+TestMissionMachine = pytest.mark.medium(MissionMachine.TestCase)
 TestMissionMachine.settings = settings(max_examples=170, stateful_step_count=40)

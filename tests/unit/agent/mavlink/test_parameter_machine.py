@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import precondition, rule
@@ -180,5 +181,5 @@ class ParameterMachine(ProtocolMachine):
         assert {name: self.channel.autopilot.parameters[name] for name in NAMES} == self.values
 
 
-TestParameterMachine = ParameterMachine.TestCase
+TestParameterMachine = pytest.mark.medium(ParameterMachine.TestCase)
 TestParameterMachine.settings = settings(max_examples=60, stateful_step_count=30)

@@ -57,6 +57,7 @@ class Compass:
                 self.bias -= change
 
 
+@pytest.mark.medium
 def test_a_turn_separates_the_field_from_the_heading() -> None:
     straight, turned = [], []
     for seed in range(60):
@@ -70,6 +71,7 @@ def test_a_turn_separates_the_field_from_the_heading() -> None:
     assert after < 0.35 * before
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("seconds", [20.0, 35.0, 45.0, 52.0, 75.0])
 def test_headings_err_as_much_as_the_variance_says(seconds: float) -> None:
     """Mean of 120 draws: the deviation of such a mean is 0.13."""

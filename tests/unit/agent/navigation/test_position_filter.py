@@ -102,6 +102,7 @@ class Fleet:
         return float(((self.pos**2).sum(1) / horizontal).sum()), float(((self.vel**2).sum(1) / speed).sum())
 
 
+@pytest.mark.medium
 def test_errors_are_as_large_as_the_covariance_says() -> None:
     """At a dozen instants, each over twenty independent runs: χ² bounds hold at one instant whatever the errors'
     correlation in time. One in twenty may be outside; with errors that stay for a minute, those are neighbours.

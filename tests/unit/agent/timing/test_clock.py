@@ -46,6 +46,7 @@ def test_time_does_not_step_back() -> None:
     assert clock.now_ns() == 101 * SECOND
 
 
+@pytest.mark.medium
 @given(
     st.lists(
         st.tuples(st.integers(0, 10 * SECOND), st.integers(0, 10 * SECOND), st.floats(-99_000.0, 99_000.0)), max_size=30

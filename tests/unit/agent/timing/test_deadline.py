@@ -76,6 +76,7 @@ def test_until_tells_whether_the_deadline_is_reached(wait: DeadlineWait, wall: W
     assert len(wall.idled_s) == 1
 
 
+@pytest.mark.medium
 def test_python_collects_by_itself_again_afterwards(wait: DeadlineWait) -> None:
     with wait.deferred():
         assert not gc.isenabled()
@@ -88,6 +89,7 @@ def test_python_collects_by_itself_again_afterwards(wait: DeadlineWait) -> None:
     assert gc.get_freeze_count() == 0
 
 
+@pytest.mark.medium
 def test_a_collector_that_was_off_stays_off(wait: DeadlineWait) -> None:
     gc.disable()
     try:
@@ -98,6 +100,7 @@ def test_a_collector_that_was_off_stays_off(wait: DeadlineWait) -> None:
         gc.enable()
 
 
+@pytest.mark.medium
 def test_an_error_ends_it_too(wait: DeadlineWait) -> None:
     with pytest.raises(RuntimeError), wait.deferred():
         raise RuntimeError
@@ -163,6 +166,7 @@ def test_nothing_is_collected_while_python_does(wait: DeadlineWait, wall: Wall, 
     assert collected == []
 
 
+@pytest.mark.medium
 def test_a_cycle_of_garbage_goes_in_a_long_wait() -> None:
     class Node:
         pass
@@ -188,6 +192,7 @@ def test_absolute_sleep_ends_after_its_instant() -> None:
     sleep_until(due_ns)  # one that is past
 
 
+@pytest.mark.medium
 def test_the_slack_of_timers_is_set_and_put_back(wait: DeadlineWait) -> None:
     before_ns = deadline.timer_slack_ns()
     with wait.deferred():

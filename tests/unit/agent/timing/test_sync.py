@@ -111,6 +111,7 @@ def rms(values: list[float]) -> float:
     return math.sqrt(sum(value * value for value in values) / len(values))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("jitter_ns", [300e3, 2e6])
 @pytest.mark.parametrize(("from_s", "to_s", "factor"), [(5.0, 20.0, 1.5), (20.0, 60.0, 4.0), (60.0, 120.0, 5.0)])
 def test_it_beats_the_exponential_filter(jitter_ns: float, from_s: float, to_s: float, factor: float) -> None:
@@ -124,6 +125,7 @@ def test_it_beats_the_exponential_filter(jitter_ns: float, from_s: float, to_s: 
     assert rms(ours) * factor < rms(theirs)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", DELAYS)
 def test_the_standard_error_of_the_drift_is_that_of_twenty_clocks(kind: str) -> None:
     """Of a normal one 68 % lie within one, 95 % within two: of twenty 9 to 18, and 16 or more, 98 times of 100."""
@@ -171,6 +173,7 @@ def test_two_milliseconds_of_any_jitter_with_a_floor(kind: str) -> None:
     assert rms(errors_ppm) < 0.5
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", DELAYS)
 def test_jitter_on_one_way_only_stays_out_of_the_offset(kind: str) -> None:
     """Averages would be off by half of the mean delay, some 1 ms; the floors are equal here."""
@@ -181,6 +184,7 @@ def test_jitter_on_one_way_only_stays_out_of_the_offset(kind: str) -> None:
         assert abs(sync.to_remote(60 * SECOND) - truth.remote(60 * SECOND)) < 50e3
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", DELAYS)
 def test_it_beats_the_exponential_filter_whatever_the_jitter(kind: str) -> None:
     ours: list[float] = []
@@ -290,6 +294,7 @@ def test_stamps_from_hell_do_not_raise() -> None:
         assert math.isfinite(sync.estimate.drift_ppm)
 
 
+@pytest.mark.medium
 def test_the_history_is_bounded() -> None:
     assert followed(Truth(), 120.0, seed=0).estimate.used == HISTORY
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,6 +17,7 @@ def test_edges() -> None:
     assert (histogram_bin(1_999), histogram_bin(2_000), histogram_bin(3_999), histogram_bin(-5)) == (0, 1, 1, 0)
 
 
+@pytest.mark.medium
 @given(st.lists(st.integers(0, 200_000_000), min_size=1), st.floats(0.0, 1.0))
 def test_a_quantile_is_not_exceeded_and_at_most_twice_too_long(times_ns: list[int], share: float) -> None:
     bins = [0] * BINS

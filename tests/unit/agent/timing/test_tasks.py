@@ -112,6 +112,7 @@ def test_a_long_sleep_costs_one_run() -> None:
     assert executor.next_due_ns == 3600 * 1000 * MS + 2_500_000
 
 
+@pytest.mark.medium
 @given(
     rate_hz=st.floats(0.1, 5000.0),
     steps_ns=st.lists(st.integers(0, 50 * MS), min_size=1, max_size=60),
@@ -153,6 +154,7 @@ def test_the_worst_start_and_its_instant() -> None:
     assert (stats.start_jitter_max_ns, stats.worst_start_ns) == (4 * MS, 14 * MS)
 
 
+@pytest.mark.medium
 @given(
     late_ns=st.lists(st.integers(0, 9_999_999), min_size=1, max_size=40),
     runs_ns=st.lists(st.integers(0, 400_000_000), min_size=40, max_size=40),
@@ -199,6 +201,7 @@ def test_each_miss_is_told_with_its_instants() -> None:
     assert executor.misses.drain(10) == []
 
 
+@pytest.mark.medium
 @given(st.lists(st.tuples(st.integers(0, 60 * MS), st.integers(0, 40 * MS)), min_size=1, max_size=200))
 def test_misses_told_and_untold_add_up(steps_ns: list[tuple[int, int]]) -> None:
     clock = TickClock()

@@ -82,6 +82,7 @@ def put(reassembler: Reassembler, frames: list[CanFrame], fd: bool, now_s: float
     return [chunk for chunk in out if chunk is not None]
 
 
+@pytest.mark.medium
 @given(CHUNKS, st.booleans())
 def test_what_goes_in_comes_out(chunks: list[tuple[bytes, int]], fd: bool) -> None:
     reassembler = Reassembler(1, 2)
@@ -92,6 +93,7 @@ def test_what_goes_in_comes_out(chunks: list[tuple[bytes, int]], fd: bool) -> No
     assert (reassembler.incomplete, reassembler.malformed, reassembler.repeated, reassembler.foreign) == (0, 0, 0, 0)
 
 
+@pytest.mark.medium
 @given(st.binary(max_size=LARGEST_CHUNK), st.booleans(), st.randoms(use_true_random=False))
 def test_order_within_a_transfer_does_not_matter(chunk: bytes, fd: bool, rng: random.Random) -> None:
     frames = Segmenter(1, 2, fd).cut(chunk)
@@ -189,6 +191,7 @@ def test_a_long_loss_ends_with_the_next_chunk_that_differs() -> None:
         assert [chunk for data in after for chunk in put(reassembler, segmenter.cut(data), False)] == after
 
 
+@pytest.mark.medium
 @given(
     st.lists(st.tuples(st.integers(-1, 2**29 - 1), st.binary(max_size=64), st.booleans(), st.floats(0, 1)), max_size=50)
 )
@@ -198,6 +201,7 @@ def test_any_frames_are_taken(frames: list[tuple[int, bytes, bool, float]]) -> N
         reassembler.add(identifier, data, fd, now_s)
 
 
+@pytest.mark.medium
 @given(
     st.lists(
         st.tuples(

@@ -27,6 +27,7 @@ def load(path: Path) -> ModuleType:
     return module
 
 
+@pytest.mark.medium
 def test_the_generated_codec_is_current() -> None:
     source = load(ROOT / "tools" / "generate_dialect.py").generated(ROOT / "agent" / "wire" / "fleet.xml")
     assert (ROOT / "agent" / "wire" / "dialect.py").read_text() == source, "run `make dialect`"

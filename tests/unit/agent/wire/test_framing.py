@@ -165,6 +165,7 @@ def test_texts_of_any_bytes_decode() -> None:
     assert message.text == "\N{REPLACEMENT CHARACTER}"
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("stream", [False, True])
 def test_endless_garbage_takes_bounded_memory(stream: bool) -> None:
     rng = random.Random(5)
@@ -198,6 +199,7 @@ def foreign(packer: Packer, payload: bytes = b"\xfd" * 20) -> bytes:
     return b"\xfd" + bytes((len(payload), 0, 0)) + known[4:7] + UNKNOWN.to_bytes(3, "little") + payload + b"\xaa\x55"
 
 
+@pytest.mark.medium
 @given(st.lists(st.booleans(), min_size=1, max_size=12), st.integers(1, 40))
 def test_frames_of_both_come_out_however_they_are_cut(kinds: list[bool], step: int) -> None:
     packer = Packer(1, 1)

@@ -41,6 +41,7 @@ def within(count: int, share: float, trials: int) -> bool:
     return abs(count - share * trials) <= 5.0 * math.sqrt(trials * share * (1.0 - share))
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", ["loss", "duplicate"])
 @pytest.mark.parametrize("share", [0.01, 0.2, 0.7])
 def test_shares_are_as_asked_for(kind: str, share: float) -> None:
@@ -60,6 +61,7 @@ def test_shares_are_as_asked_for(kind: str, share: float) -> None:
         assert counters.repeated == bad.transport.duplicated == len(arrived) - 5000
 
 
+@pytest.mark.medium
 def test_reorder_swaps_neighbours_and_loses_nothing() -> None:
     bad = Bad()
     bad.transport.set(LinkFaults(reorder=0.1), seed=3)
@@ -87,6 +89,7 @@ def test_the_last_frame_is_not_kept_for_ever() -> None:
     assert bad.transport.wake_s() is None
 
 
+@pytest.mark.medium
 def test_delay_and_jitter_are_kept_to_and_keep_the_order() -> None:
     bad = Bad()
     bad.transport.set(LinkFaults(delay_s=0.050, jitter_s=0.020), seed=1)
@@ -209,6 +212,7 @@ def play(steps: list[Any], seed: int) -> tuple[list[int], ImpairedTransport, Lin
     return arrived, bad.transport, bad.link
 
 
+@pytest.mark.medium
 @given(STEPS, st.integers(0, 5))
 def test_accounts_balance_and_a_seed_repeats(steps: list[Any], seed: int) -> None:
     arrived, transport, link = play(steps, seed)

@@ -295,6 +295,7 @@ def test_a_number_lost_long_ago_is_not_taken_back() -> None:
     assert counts(monitor) == (1 + 57, 0, 0)
 
 
+@pytest.mark.medium
 @given(
     st.lists(st.sampled_from(["sent", "lost", "repeated"]), min_size=1, max_size=2000),
     st.integers(0, 255),
@@ -346,6 +347,7 @@ def test_a_late_frame_of_many_that_were_lost_is_not_lost(in_a_row: int) -> None:
 Stretch = tuple[int, int, bool]
 
 
+@pytest.mark.medium
 @given(
     stretches=st.lists(st.tuples(st.integers(0, 1500), st.integers(1, 300), st.booleans()), max_size=12),
     first=st.integers(0, 100_000),

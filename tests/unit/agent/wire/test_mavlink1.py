@@ -68,6 +68,7 @@ def test_what_the_old_codec_sends_is_read() -> None:
     assert not came_as_mavlink1(decode(frame))
 
 
+@pytest.mark.medium
 @given(st.lists(st.booleans(), min_size=1, max_size=8), st.integers(1, 40), st.binary(max_size=12))
 def test_frames_of_both_versions_come_out_however_they_are_cut(versions: list[bool], size: int, noise: bytes) -> None:
     data = b"".join(heartbeat(*(old, client(old)) if one else (new, client(new))) for one in versions)
@@ -79,6 +80,7 @@ def test_frames_of_both_versions_come_out_however_they_are_cut(versions: list[bo
     assert counters.bytes_in == counters.bytes_good + counters.bytes_dropped + framer.held_bytes
 
 
+@pytest.mark.medium
 @given(st.binary(max_size=300), st.booleans())
 def test_no_bytes_raise(data: bytes, stream: bool) -> None:
     framer = Framer(stream, mavlink1=True)

@@ -170,6 +170,7 @@ def test_of_the_urgent_only_the_newest_wait(line: SlowLine) -> None:
     assert [message.time_usec for message in read(line)] == [*range(101 - MOST_URGENT, 101)]
 
 
+@pytest.mark.medium
 def test_receive_sends_on_while_it_waits(line: SlowLine) -> None:
     link = Link(line, 1, 1)
     link.send(*[attitude(number) for number in range(4)])

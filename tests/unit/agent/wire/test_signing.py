@@ -41,6 +41,7 @@ def ours(now: int = NOW) -> Signing:
     return Signing(KEY, lambda: now)
 
 
+@pytest.mark.medium
 @given(st.binary(min_size=32, max_size=32), st.integers(0, 2**48 - 1), st.integers(0, 255), st.floats(width=32))
 def test_what_we_sign_pymavlink_accepts(key: bytes, now: int, link_id: int, value: float) -> None:
     signing = Signing(key, lambda: now)
@@ -56,6 +57,7 @@ def test_what_we_sign_pymavlink_accepts(key: bytes, now: int, link_id: int, valu
         assert message.get_link_id() == link_id
 
 
+@pytest.mark.medium
 @given(st.binary(min_size=32, max_size=32), st.integers(MINUTE, 2**48 - 3), st.integers(0, 255))
 def test_what_pymavlink_signs_we_accept_once(key: bytes, now: int, link_id: int) -> None:
     sender = theirs(key, now, link_id)
@@ -69,6 +71,7 @@ def test_what_pymavlink_signs_we_accept_once(key: bytes, now: int, link_id: int)
     assert signing.refused_old == 2
 
 
+@pytest.mark.medium
 @given(st.data())
 def test_a_change_of_any_byte_is_refused(data: Any) -> None:
     frame = bytearray(beat(theirs()))

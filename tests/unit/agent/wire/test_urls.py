@@ -93,6 +93,7 @@ def test_a_bad_url_is_said_in_one_sentence(url: str, golden: Golden) -> None:
     golden("error", caught.value)
 
 
+@pytest.mark.medium
 @given(st.sampled_from(["serial", "can"]), st.text(max_size=40))
 def test_any_text_is_a_url_or_a_sentence(scheme: str, rest: str) -> None:
     try:

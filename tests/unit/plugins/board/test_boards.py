@@ -373,6 +373,7 @@ def test_what_follows_the_name_is_the_commands(
     assert typed(monkeypatch, "ssh", "boat", *words)[-len(words) - 1 :] == ["boat", *words]
 
 
+@pytest.mark.medium
 def test_a_shell_where_no_command_is_given(
     apart: EmulatedBoard, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], golden: Golden
 ) -> None:

@@ -39,6 +39,7 @@ STATUS = RunStatus(0.0, 60.0, "AUTO", True, 1, 6, 2.5, 90.0, -0.4, 0.2, 0.5, 4.0
 KEY = ("alpha", "front")
 
 
+@pytest.mark.medium
 def test_a_run_gives_each_image_once(tmp_path: Path) -> None:
     profile = load_profile("sitl", ["sensors.cameras=[{name: front}, {name: depth, kind: depth}]"]).runnable()
     plant, control, pace = build_plant([profile], Seeds(1), Scenery(profile)), direct_control(profile), Lockstep()

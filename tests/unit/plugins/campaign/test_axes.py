@@ -64,6 +64,7 @@ def test_quantiles_are_those_of_scipy(text: str, law: str, parameters: tuple[flo
         assert one.quantile(share) == pytest.approx(theirs.ppf(share), rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.medium
 def test_whole_numbers_and_choices_come_in_their_shares() -> None:
     shares = (np.arange(1000) + 0.5) / 1000
     assert Counter(axis("{integers: [3, 6]}").quantile(share) for share in shares) == dict.fromkeys((3, 4, 5, 6), 250)

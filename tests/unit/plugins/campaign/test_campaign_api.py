@@ -60,6 +60,7 @@ def test_a_plan_becomes_a_table(here: list[int | None]) -> None:
     assert (Path("out") / "results.jsonl").read_text().count("\n") == 6
 
 
+@pytest.mark.medium
 def test_a_campaign_goes_on_in_its_folder_and_in_no_other(here: list[int | None]) -> None:
     first = xitl.campaign("plan.yaml", out="out")
     with pytest.raises(UserError, match="already contains a campaign"):

@@ -75,6 +75,7 @@ def test_one_campaign_split_by_an_axis_is_paired_by_the_others_and_the_seed(tmp_
     assert track.adjusted < 1e-5 < 0.05 < unpaired  # which pairs tell and groups do not
 
 
+@pytest.mark.medium
 def test_pass_rates_are_tested_over_seeds(tmp_path: Path) -> None:
     runs = table(tmp_path, "one")
     (told,) = compare_by(runs, SPEED)
@@ -94,6 +95,7 @@ def test_pass_rates_are_tested_over_seeds(tmp_path: Path) -> None:
     assert f"{sum(only)} pairs" not in str(comparison_section(told).findings)
 
 
+@pytest.mark.medium
 def test_a_verdict_that_alone_fails_is_one_test_with_passed(tmp_path: Path) -> None:
     (told,) = compare_by(table(tmp_path, "one"), SPEED)  # all runs complete
     assert [(one.verdict, one.alike) for one in told.verdicts] == [
@@ -116,6 +118,7 @@ def test_pairs_of_one_seed_alone_give_neither_interval_nor_test(tmp_path: Path, 
     golden("message", said)
 
 
+@pytest.mark.medium
 def test_two_folders_and_runs_without_a_partner(tmp_path: Path) -> None:
     a = table(tmp_path, "a")
     b = table(tmp_path, "b", plan=PLAN.replace("1-10", "3-12"))
@@ -128,6 +131,7 @@ def test_two_folders_and_runs_without_a_partner(tmp_path: Path) -> None:
     assert said[1].startswith("8 runs of A and 8 runs of B have no partner")
 
 
+@pytest.mark.medium
 def test_an_axis_that_differs_throughout_is_what_is_compared(tmp_path: Path) -> None:
     a = table(tmp_path, "a", plan=PLAN.replace("[2, 3]", "[2]"))
     b = table(tmp_path, "b", plan=PLAN.replace("[2, 3]", "[3]"))
@@ -135,6 +139,7 @@ def test_an_axis_that_differs_throughout_is_what_is_compared(tmp_path: Path) -> 
     assert (told.pairs, told.paired_by) == (20, (WIND,))
 
 
+@pytest.mark.medium
 def test_figures_of_runs_that_did_not_complete_are_left_out_and_counted(tmp_path: Path) -> None:
     def halted(values: Mapping[str, Any], seed: int) -> Mapping[str, Any]:
         if seed <= 8:
@@ -150,6 +155,7 @@ def test_figures_of_runs_that_did_not_complete_are_left_out_and_counted(tmp_path
     assert any("B passes 'driver.completed' less often" in one.sentence for one in comparison_section(told).findings)
 
 
+@pytest.mark.medium
 def test_what_cannot_be_compared_is_said(tmp_path: Path) -> None:
     a = table(tmp_path, "a")
     with pytest.raises(UserError, match=r"--by mission\.speed: is not an axis of .*; its axes:"):

@@ -162,6 +162,7 @@ def test_one_that_was_cut_off_goes_on_with_what_is_missing(plan: CampaignPlan, t
     assert compared(map(json.loads, lines)) == compared(whole)
 
 
+@pytest.mark.medium
 def test_a_folder_is_no_other_plans(plan: CampaignPlan, tmp_path: Path) -> None:
     CampaignFolder.create(tmp_path / "a", plan)
     with pytest.raises(UserError, match="add --resume or choose another --out"):

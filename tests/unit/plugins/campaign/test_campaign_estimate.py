@@ -74,6 +74,7 @@ def test_without_a_course_a_run_is_as_long_as_its_limit(tmp_path: Path) -> None:
     assert "50 s of a run (clock.duration_s at most)" in told.basis
 
 
+@pytest.mark.medium
 @pytest.mark.usefixtures("measured")
 def test_rows_of_an_earlier_campaign_of_the_same_plan_come_first(tmp_path: Path) -> None:
     path = planned(tmp_path, PLAN)

@@ -33,6 +33,7 @@ def test_limits_are_those_of_verdicts_with_one_figure_and_one_number() -> None:
     assert (clear.figure, clear.value, clear.upper) == ("obstacles.min_clearance_m", 0.5, False)
 
 
+@pytest.mark.medium
 def test_the_page_has_its_plots_and_the_commands_that_repeat_runs(tmp_path: Path) -> None:
     table, _ = imagined(planned(tmp_path, BISECTION), tmp_path / "out", track)
     page = write_report(table).read_text(encoding="utf-8")
@@ -103,6 +104,7 @@ verdicts: [{TRACK} < 99]
 """
 
 
+@pytest.mark.medium
 def test_a_one_at_a_time_plan_tells_elasticities_about_its_base(tmp_path: Path, golden: Golden) -> None:
     """wind² / current about 5 m/s and 0.5 m/s: 2 and -1; a controller has none, and that is said."""
     (tmp_path / "examples").symlink_to(Path(__file__).parents[4] / "examples")

@@ -42,6 +42,7 @@ def track(values: Mapping[str, Any], seed: int) -> Mapping[str, Any]:
     return {TRACK: 2.0 * values[WIND] / (9.0 - 8.0 * values[CURRENT]) + own}
 
 
+@pytest.mark.medium
 def test_one_axis_is_bisected_for_each_value_of_the_others(tmp_path: Path) -> None:
     table, told = imagined(planned(tmp_path, BISECTION), tmp_path / "out", track)
     assert [one.group for one in told] == [{CURRENT: 0.0}, {CURRENT: 0.5}]
@@ -60,6 +61,7 @@ def test_one_axis_is_bisected_for_each_value_of_the_others(tmp_path: Path) -> No
     assert len(said.findings) == 2
 
 
+@pytest.mark.medium
 def test_neither_workers_nor_a_break_change_the_table(tmp_path: Path) -> None:
     plan = planned(tmp_path, BISECTION)
     whole, told = imagined(plan, tmp_path / "whole", track, capacity=1)
@@ -76,6 +78,7 @@ def test_neither_workers_nor_a_break_change_the_table(tmp_path: Path) -> None:
         assert other.column(TRACK) == whole.column(TRACK)
 
 
+@pytest.mark.medium
 def test_broken_runs_say_nothing_of_the_vessel(tmp_path: Path) -> None:
     def some_break(values: Mapping[str, Any], seed: int) -> Mapping[str, Any]:
         return {"status": "failed"} if seed % 4 == 0 else track(values, seed)

@@ -56,6 +56,7 @@ def test_a_plan_without_axes_is_the_base_with_its_own_seed(tmp_path: Path) -> No
     assert list(plan(tmp_path, BASE).points()) == [RunPoint(1, {}, 1)]
 
 
+@pytest.mark.medium
 def test_the_command_of_a_run_makes_the_same_profile_as_its_task(tmp_path: Path) -> None:
     """What a person types to repeat a run against what a worker is sent, by the profiles that both load to."""
     text = BASE + (
@@ -84,6 +85,7 @@ def test_the_command_of_a_run_makes_the_same_profile_as_its_task(tmp_path: Path)
         assert typed.environment.current.speed_mps == 0.2
 
 
+@pytest.mark.medium
 def test_a_fault_is_switched_by_name(tmp_path: Path) -> None:
     own = "faults.mine: [off, on]"
     (tmp_path / "mine.yaml").write_text("extends: sitl\nfaults: {mine: {from_s: 5, imu: {freeze: true}}}\n")
@@ -104,6 +106,7 @@ def test_files_are_meant_from_the_plan(tmp_path: Path, monkeypatch: pytest.Monke
     assert found.base.overrides(point).values == (("autopilot.controller", f"{tmp_path / 'mine.py'}:Mine"),)
 
 
+@pytest.mark.medium
 def test_an_edited_base_or_axis_is_another_plan_and_a_description_is_not(tmp_path: Path) -> None:
     (tmp_path / "boat.yaml").write_text("extends: mitl\n")
     axes = "axes: {environment.wind.mean_mps: [0, 4]}\n"

@@ -88,6 +88,7 @@ def test_a_run_has_its_own_session_folder_and_mark_and_its_end_leaves_the_server
     assert len(parents) == 1
 
 
+@pytest.mark.medium
 def test_a_run_whose_server_is_killed_counts_as_killed_and_another_server_takes_over(started: Started) -> None:
     run = started.endless("lost")
     os.kill(parent_and_session(run.pid)[0], signal.SIGKILL)

@@ -364,6 +364,7 @@ def command(*arguments: str) -> tuple[int, str]:
     return result.exit_code, result.stdout
 
 
+@pytest.mark.medium
 def test_the_command_says_what_it_did(server: FirmwareServer, cache_at: Path) -> None:
     code, out = command("get", "rover", "--board", "sitl", "--url", server.url)
     assert code == 0
@@ -372,12 +373,14 @@ def test_the_command_says_what_it_did(server: FirmwareServer, cache_at: Path) ->
     assert "exists already" in command("get", "rover", "--board", "sitl", "--url", server.url)[1]
 
 
+@pytest.mark.medium
 def test_the_command_in_json(server: FirmwareServer, cache_at: Path) -> None:
     told = json.loads(command("get", "rover", "--version", "4.6", "--board", "sitl", "--url", server.url, "--json")[1])
     assert (told["asked_version"], told["version"], told["fresh"]) == ("4.6.3", "4.6.3 official", True)
     assert told["file"] == str(cache_at / "firmware/rover/4.6.3/sitl/ardurover")
 
 
+@pytest.mark.medium
 def test_list_and_path(server: FirmwareServer, cache_at: Path, golden: Golden) -> None:
     assert "no firmware yet" in command("list")[1]
     code, text = command("path")

@@ -54,6 +54,7 @@ def test_it_works_where_it_is_put_and_what_it_says_is_kept(tmp_path: Path) -> No
     assert not is_alive(process.pid)
 
 
+@pytest.mark.medium
 def test_one_that_dies_tells_how_and_its_last_words(tmp_path: Path, golden: Golden) -> None:
     program = script(tmp_path / "rover", "print('one')\nprint('PANIC: no', flush=True)\nos.abort()")
     error = wait_for_end(FirmwareProcess(program, [], tmp_path))

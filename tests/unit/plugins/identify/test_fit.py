@@ -54,6 +54,7 @@ def test_measured_gusts_explain_the_motion_that_a_mean_wind_does_not() -> None:
     assert noise["measured"] < 0.9 * noise["mean"]
 
 
+@pytest.mark.medium
 def test_long_windows_are_thinned() -> None:
     run = pool_run(boat(), 90.0)
     for length_s, wanted in ((10.0, 83), (60.0, 249)):  # of 8.3 samples a second: all of them, and every second
@@ -89,6 +90,7 @@ def test_a_boat_that_never_turns_leaves_the_yaw_undetermined() -> None:
     assert result.sigma[yaw] > 0.3
 
 
+@pytest.mark.medium
 def test_four_strips_hold_a_boat_in_still_water_as_many_do() -> None:
     commands = np.full((1, 300, 2), 0.5)
     commands[:, 150:, 0] = -0.2
@@ -168,6 +170,7 @@ def test_what_a_recording_lacks() -> None:
         cut([replace(run, channels=gap)], 10.0)
 
 
+@pytest.mark.medium
 def test_runs_are_split_whole() -> None:
     runs = [pool_run(boat(), 25.0, seed) for seed in (1, 2, 3)]
     training, testing = split(runs, ())

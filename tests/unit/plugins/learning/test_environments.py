@@ -25,6 +25,7 @@ def many(n: int, **changes: Any) -> Any:
     return xitl.make_vec_env("sitl", n, **given | changes)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("observe", [TRUTH, ALL_SENSORS], ids=["truth", "sensors"])
 def test_gymnasium_accepts_it(observe: list[str]) -> None:
     from gymnasium.utils.env_checker import check_env
@@ -40,6 +41,7 @@ def test_gymnasium_accepts_it(observe: list[str]) -> None:
         del gymnasium.registry[name]
 
 
+@pytest.mark.medium
 def test_spaces_are_those_of_the_vessel(tmp_path: Path) -> None:
     env = xitl.make_env("sitl", reward=reward, observe=["velocity", "attitude"], overrides=COARSE)
     assert env.action_space == gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -63,6 +65,7 @@ def trace(env: Any, seed: int, steps: int = 25) -> list[Array]:
     return [np.asarray(row) for row in rows]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("autoreset", ["next_step", "same_step"])
 def test_a_seed_repeats_everything_bit_for_bit(autoreset: str) -> None:
     observe = ["position", "velocity", "wind", *ALL_SENSORS]
@@ -74,6 +77,7 @@ def test_a_seed_repeats_everything_bit_for_bit(autoreset: str) -> None:
     assert not np.array_equal(first[-4], other[-4])
 
 
+@pytest.mark.medium
 def test_an_environment_without_a_seed_has_another_sea_each_time() -> None:
     env = xitl.make_env("sitl", reward=reward, goal=around, overrides=COARSE)
     action = np.zeros(2, dtype=np.float32)
@@ -83,6 +87,7 @@ def test_an_environment_without_a_seed_has_another_sea_each_time() -> None:
     assert not np.array_equal(first, env.step(action)[0])
 
 
+@pytest.mark.medium
 def test_one_vessel_is_a_batch_of_one() -> None:
     alone = xitl.make_env("sitl", reward=reward, goal=around, start=anywhere, episode_s=2.0, overrides=COARSE)
     first = trace(alone, 6)
@@ -91,6 +96,7 @@ def test_one_vessel_is_a_batch_of_one() -> None:
         assert np.array_equal(one, batch[0])
 
 
+@pytest.mark.medium
 def test_vessels_differ_in_sea_wind_and_goal() -> None:
     env = many(4, start=None, observe=["wind", "goal"])
     observed, _ = env.reset(seed=2)
@@ -108,6 +114,7 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
     shared.close()
 
 
+@pytest.mark.medium
 def test_an_ended_episode_begins_again_in_the_next_step() -> None:
     env = many(2, episode_s=0.1, observe=["position", "velocity", "actuators"])  # 5 steps
     env.reset(seed=1)
@@ -123,6 +130,7 @@ def test_an_ended_episode_begins_again_in_the_next_step() -> None:
     assert env.step(ahead)[0][:, 6:].any()
 
 
+@pytest.mark.medium
 def test_single_vessels_begin_again_while_others_continue() -> None:
     def deep(vessels: xitl.Vessels) -> Any:
         return (vessels.time_s > 0.05) & (vessels.goal[:, 0] > 0.0)  # some rows after three steps
@@ -144,6 +152,7 @@ def test_single_vessels_begin_again_while_others_continue() -> None:
     assert not env.vessels.velocity_ned_mps[ending].any()
 
 
+@pytest.mark.medium
 def test_the_same_step_returns_the_first_observation_and_keeps_the_last_one() -> None:
     env = many(2, episode_s=0.1, autoreset="same_step", observe=["position", "velocity"])
     env.reset(seed=1)
@@ -157,6 +166,7 @@ def test_the_same_step_returns_the_first_observation_and_keeps_the_last_one() ->
     assert all(last.shape == (6,) and last.any() for last in information["final_obs"])
 
 
+@pytest.mark.medium
 def test_without_autoreset_a_mask_selects_the_vessels() -> None:
     env = many(2, episode_s=0.1, autoreset="disabled")
     env.reset(seed=1)
@@ -175,6 +185,7 @@ def test_without_autoreset_a_mask_selects_the_vessels() -> None:
         env.reset(seed=1, options={"reset_mask": np.array([False, True])})
 
 
+@pytest.mark.medium
 def test_wrappers_of_gymnasium_count_episodes() -> None:
     env = gymnasium.wrappers.vector.RecordEpisodeStatistics(many(3, episode_s=0.1, terminated=arrived))
     env.reset(seed=1)
@@ -208,6 +219,7 @@ def test_a_task_that_is_impossible_is_refused(changes: dict[str, Any], message: 
         xitl.make_vec_env(**given | changes)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("changes", "action", "message"),
     [
@@ -242,6 +254,7 @@ def test_wrong_shapes_are_named_at_once(changes: dict[str, Any], message: str) -
         many(2, **changes)
 
 
+@pytest.mark.medium
 def test_importing_xitl_does_not_load_gymnasium_and_its_absence_is_named() -> None:
     program = (
         "import sys, xitl, xitl_cli.main, xitl_cli.api\n"

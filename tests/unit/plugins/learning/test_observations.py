@@ -34,6 +34,7 @@ def sailed(env: Any, steps: int = 60) -> Array:
     return observed.astype(np.float64)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("part", "expected"),
     [
@@ -55,6 +56,7 @@ def test_a_part_is_what_its_name_says(part: str, expected: Any) -> None:
     assert np.abs(observed).max() > 0.01
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("part", "field"), [("wind", "wind_ned_mps"), ("current", "current_ned_mps")])
 def test_flows_are_seen_from_the_bow(part: str, field: str) -> None:
     env = made(observe=[part])
@@ -88,6 +90,7 @@ def test_velocities_in_body_axes_have_the_same_length_and_lead_ahead() -> None:
     assert (vessels.rates_frd_radps[:, 2] > 0.05).all()  # more thrust on the port side
 
 
+@pytest.mark.medium
 def test_a_function_of_the_vessels_is_a_part() -> None:
     def speed(vessels: xitl.Vessels) -> Array:
         return np.linalg.norm(vessels.velocity_ned_mps, axis=1)[:, None]
@@ -98,6 +101,7 @@ def test_a_function_of_the_vessels_is_a_part() -> None:
     assert observed[:, 3:] == pytest.approx(speed(env.vessels), rel=1e-6)
 
 
+@pytest.mark.medium
 def test_an_episode_equals_a_run_with_the_same_commands(tmp_path: Any) -> None:
     """In calm water without gusts, both have only the vessel's own dynamics."""
     script = [{"at_s": 0.0, "motors": [0.7, 0.4]}]
@@ -219,6 +223,7 @@ def test_a_collision_is_seen_by_reward_and_end() -> None:
     assert env.vessels.contact.tolist() == [0.0, 0.0]
 
 
+@pytest.mark.medium
 def test_the_picture_shows_track_hulls_and_goal() -> None:
     from xitl_cli.plugins.learning.top_view import GOAL, HULL, SIZE, TRACK
 

@@ -34,6 +34,7 @@ def xitl(*words: str) -> Result:
     return CliRunner().invoke(xitl_app(["logs"]), ["logs", *words])
 
 
+@pytest.mark.medium
 def test_the_format_of_the_guide_is_one_of_export(install: Install, log: Path) -> None:
     install("xitl-counts", EXPORT, log_exports="counts = xitl_counts:export")
     done = xitl("export", str(log), "ATT", "IMU", "--format", "counts", "--json")
@@ -45,6 +46,7 @@ def test_the_format_of_the_guide_is_one_of_export(install: Install, log: Path) -
     assert xitl("export", str(log), "ATT", "--format", "counts").exception is not None, "the file is there already"
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("code", "sentence"),
     [

@@ -58,6 +58,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.medium
 def test_offline_repeats_what_ran(run: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(xitl_app(["map"]), ["map", str(run), "--out", str(tmp_path), "--json"])
     assert result.exit_code == 0, result.output
@@ -74,6 +75,7 @@ def test_offline_repeats_what_ran(run: Path, tmp_path: Path) -> None:
     assert kept == {name: value for name, value in found.items() if name != "files"}
 
 
+@pytest.mark.medium
 def test_it_is_said_to_a_person_too(run: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(xitl_app(["map"]), ["map", str(run), "--out", str(tmp_path), "--format", "pcd"])
     assert result.exit_code == 0, result.output

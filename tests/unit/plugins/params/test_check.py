@@ -67,6 +67,7 @@ def test_a_rename_whose_value_means_otherwise_says_so() -> None:
     assert "1 becomes 0" in missing.sentence(str)
 
 
+@pytest.mark.medium
 def test_a_push_sets_a_renamed_parameter_by_the_name_that_this_version_has(params: Params, tmp_path: Path) -> None:
     file = tmp_path / "boat.parm"
     file.write_text("ARMING_CHECK 1\nGPS_TYPE 14\n")
@@ -112,6 +113,7 @@ def test_what_a_switch_hides_is_told_from_what_is_not_there(name: str, behind: s
 # The command
 
 
+@pytest.mark.medium
 def test_a_vehicle_as_it_should_be(params: Params, tmp_path: Path) -> None:
     file = tmp_path / "boat.parm"
     file.write_text("WP_SPEED 2\nCRUISE_SPEED 0.1\n")
@@ -124,6 +126,7 @@ def test_a_vehicle_as_it_should_be(params: Params, tmp_path: Path) -> None:
     assert (told.told["same"], told.told["differs"], told.told["absent"]) == (2, [], [])
 
 
+@pytest.mark.medium
 def test_a_vehicle_that_is_otherwise(params: Params, tmp_path: Path, golden: Golden) -> None:
     file = tmp_path / "boat.parm"
     file.write_text("WP_SPEED 3\nGPS_TYPE 14\nCRUISE_SPED 1\n")
@@ -136,6 +139,7 @@ def test_a_vehicle_that_is_otherwise(params: Params, tmp_path: Path, golden: Gol
     assert [row["name"] for row in told["absent"]] == ["GPS_TYPE", "CRUISE_SPED"]
 
 
+@pytest.mark.medium
 def test_a_profile_is_checked_with_its_own_parameters(params: Params) -> None:
     with over_tcp(VehicleDouble(BOAT)) as url:
         told = params("check", "hitl-ardupilot-usb", url, "--json").told
@@ -143,6 +147,7 @@ def test_a_profile_is_checked_with_its_own_parameters(params: Params) -> None:
     assert "WP_SPEED" in {row["name"] for row in told["differs"]} or told["same"] > 0
 
 
+@pytest.mark.medium
 def test_what_cannot_be_checked_is_one_line(params: Params) -> None:
     assert "there is no parameter file 'no-such'" in params("check", "no-such", "tcp://127.0.0.1:9").error
     assert "has no parameters" in params("check", "environments/calm", "tcp://127.0.0.1:9").error
@@ -169,6 +174,7 @@ class HidingVehicle(VehicleDouble):
             self.crashed |= self.values["EAHRS_TYPE"] > 0 and self.values.get("SCR_SDEV1_PROTO") != 36.0
 
 
+@pytest.mark.medium
 def test_hidden_parameters_are_set_as_they_appear_and_the_driver_last(params: Params, tmp_path: Path) -> None:
     file = tmp_path / "hil.parm"
     file.write_text("EAHRS_TYPE 1\nSCR_ENABLE 1\nSCR_SDEV_EN 1\nSCR_SDEV1_PROTO 36\n")
@@ -180,6 +186,7 @@ def test_hidden_parameters_are_set_as_they_appear_and_the_driver_last(params: Pa
     assert not double.crashed
 
 
+@pytest.mark.medium
 def test_what_takes_a_restart_is_said(params: Params, tmp_path: Path, golden: Golden) -> None:
     file = tmp_path / "hil.parm"
     file.write_text("EAHRS_TYPE 1\nSCR_ENABLE 1\nSCR_SDEV_EN 1\n")
@@ -231,6 +238,7 @@ def quick_restarts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pushing, "LOST_MS", 10_000.0)  # the double loses 200 s; an answer may be late
 
 
+@pytest.mark.medium
 @pytest.mark.usefixtures("quick_restarts")
 def test_what_appears_by_a_restart_is_set_after_it(params: Params, tmp_path: Path) -> None:
     file = tmp_path / "hil.parm"
@@ -258,6 +266,7 @@ class FreshBoard(VehicleDouble):
             self._codec.command_ack_send(message.command, mav.MAV_RESULT_ACCEPTED)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("calibrated", [True, False])
 def test_a_calibration_that_was_pushed_is_taken_for_one_once_it_is_in_force(
     params: Params, tmp_path: Path, calibrated: bool
@@ -272,6 +281,7 @@ def test_a_calibration_that_was_pushed_is_taken_for_one_once_it_is_in_force(
     assert double.told == ([(76.0, 76.0)] if calibrated else [])
 
 
+@pytest.mark.medium
 @pytest.mark.usefixtures("quick_restarts")
 def test_a_vehicle_that_keeps_nothing_is_not_restarted_for_ever(params: Params, tmp_path: Path) -> None:
     file = tmp_path / "speed.parm"
@@ -282,6 +292,7 @@ def test_a_vehicle_that_keeps_nothing_is_not_restarted_for_ever(params: Params, 
     assert double.restarts == pushing.MOST_RESTARTS
 
 
+@pytest.mark.medium
 @pytest.mark.usefixtures("quick_restarts")
 def test_a_restart_that_does_not_happen_is_noticed(
     params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden

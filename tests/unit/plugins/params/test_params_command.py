@@ -43,6 +43,7 @@ def _rounded(values: dict[str, float]) -> dict[str, float]:
 # Files
 
 
+@pytest.mark.medium
 def test_a_file_is_shown_with_units_and_meanings(params: Params, tmp_path: Path) -> None:
     (tmp_path / "boat.parm").write_text("WP_SPEED 2.5 # fast\nATC_SPEED_P,0.7\n")
     ran = params("show", str(tmp_path / "boat.parm"), "--json")
@@ -55,12 +56,14 @@ def test_a_file_is_shown_with_units_and_meanings(params: Params, tmp_path: Path)
     assert "WP_SPEED" in params("show", str(tmp_path / "boat.parm")).out
 
 
+@pytest.mark.medium
 def test_a_pattern_picks_names(params: Params) -> None:
     names = {row["name"] for row in params("show", "defaults", "--filter", "wp_*", "--json").told["parameters"]}
     assert names == {row.name for row in TABLE if row.name.startswith("WP_")}
     assert "none of its" in params("show", "defaults", "--filter", "ZZ*").error
 
 
+@pytest.mark.medium
 def test_what_a_file_leaves_out_is_no_difference_but_a_name_that_does_not_exist_is(
     params: Params, tmp_path: Path
 ) -> None:
@@ -97,6 +100,7 @@ def test_a_written_file_reads_in_pymavlink(tmp_path: Path) -> None:
     assert "# " in path.read_text().splitlines()[5]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -124,6 +128,7 @@ def test_what_is_wrong_is_one_line(params: Params, arguments: tuple[str, ...], w
         assert word in ran.error
 
 
+@pytest.mark.medium
 def test_a_broken_file_is_named_with_its_line(params: Params, tmp_path: Path) -> None:
     (tmp_path / "boat.parm").write_text("WP_SPEED 2\nWP_RADIUS two\n")
     assert "boat.parm:2: WP_RADIUS = 'two' is not a number" in params("show", str(tmp_path / "boat.parm")).error
@@ -134,6 +139,7 @@ def test_a_broken_file_is_named_with_its_line(params: Params, tmp_path: Path) ->
 # A vehicle
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("lose", [0, 3])
 def test_all_parameters_come_over_tcp_whatever_gets_lost(params: Params, lose: int) -> None:
     with over_tcp(VehicleDouble(ROVER, lose)) as url:
@@ -143,6 +149,7 @@ def test_all_parameters_come_over_tcp_whatever_gets_lost(params: Params, lose: i
     assert all(row["meaning"] is None for row in told)  # not the embedded autopilot's: its table says nothing of them
 
 
+@pytest.mark.medium
 def test_over_udp_the_vehicle_is_waited_for_as_a_ground_station_does(params: Params) -> None:
     with over_udp(VehicleDouble(ROVER), free_port()) as url:
         told = params("show", url, "--filter", "wp_speed", "--json").told["parameters"]
@@ -170,6 +177,7 @@ def test_a_push_sets_what_differs_and_no_more(params: Params, tmp_path: Path) ->
     assert (again.told["set"], again.told["unchanged"]) == ([], 4)
 
 
+@pytest.mark.medium
 def test_a_push_of_a_profile_sets_all_its_files_and_its_own_values(params: Params, tmp_path: Path) -> None:
     (tmp_path / "one.parm").write_text("WP_SPEED 3\nPAR_003 7\n")
     (tmp_path / "other.parm").write_text("WP_SPEED 3.25\n")
@@ -188,6 +196,7 @@ def test_a_push_of_a_profile_sets_all_its_files_and_its_own_values(params: Param
     }
 
 
+@pytest.mark.medium
 def test_what_a_vehicle_refuses_is_said_with_its_own_words(params: Params, tmp_path: Path) -> None:
     file = tmp_path / "boat.parm"
     file.write_text("WP_SPEED 3\nPAR_001 5\nNO_SUCH 1\nFRAME_CLASS 1.5\n")

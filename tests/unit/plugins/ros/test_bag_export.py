@@ -118,6 +118,7 @@ def place(folder: Path, bag_format: str) -> Path:
     return folder / ("made.bag" if bag_format == "rosbag1" else "made")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("bag_format", FORMATS)
 def test_a_recording_is_read_back_by_rosbags(recording: Path, tmp_path: Path, bag_format: str) -> None:
     bag = written(recording, place(tmp_path, bag_format), bag_format)
@@ -142,6 +143,7 @@ def test_a_recording_is_read_back_by_rosbags(recording: Path, tmp_path: Path, ba
     assert not set(counts) & {"/scene", "/log", "/truth/pose"}  # Foxglove's, which ROS has no place for
 
 
+@pytest.mark.medium
 def test_mcap_ros2_support_reads_the_clouds_in_it(recording: Path, tmp_path: Path) -> None:
     bag = written(recording, tmp_path / "made", "rosbag2-mcap")
     with (bag / "made.mcap").open("rb") as file:
@@ -159,6 +161,7 @@ def test_mcap_ros2_support_reads_the_clouds_in_it(recording: Path, tmp_path: Pat
     assert packed["time"][-1] == pytest.approx(0.1)
 
 
+@pytest.mark.medium
 def test_what_is_said_once_is_latched(recording: Path, tmp_path: Path) -> None:
     with AnyReader([written(recording, tmp_path / "made", "rosbag2-mcap")]) as reader:
         durable = {
@@ -170,12 +173,14 @@ def test_what_is_said_once_is_latched(recording: Path, tmp_path: Path) -> None:
     assert "/imu/data" not in latched
 
 
+@pytest.mark.medium
 def test_our_own_reader_takes_the_bag_for_a_log(recording: Path, tmp_path: Path) -> None:
     with open_log(written(recording, tmp_path / "made.bag", "rosbag1")) as log:
         assert len(log.tables["/imu/data"]) == IMU_COUNT
         assert log.tables["/odometry"].values("pose.pose.position.y") == pytest.approx([0.0, 10.0, 20.0, 30.0])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("bag_format", FORMATS)
 def test_a_bag_of_a_run_is_compared_about_the_same_place_on_the_earth(
     sailed: Path, tmp_path: Path, bag_format: str
@@ -200,6 +205,7 @@ def test_a_bag_of_a_run_is_compared_about_the_same_place_on_the_earth(
         assert gnss_receivers(read) == []  # the truth is none
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("bag_format", FORMATS)
 def test_a_vessel_of_a_bag_is_read_as_if_it_were_alone(convoy: Path, tmp_path: Path, bag_format: str) -> None:
     bag = written(convoy, place(tmp_path, bag_format), bag_format)
@@ -229,6 +235,7 @@ def test_a_vessel_of_a_bag_is_read_as_if_it_were_alone(convoy: Path, tmp_path: P
         written(bag, place(tmp_path / "again", bag_format), bag_format, vessel=names[0])
 
 
+@pytest.mark.medium
 def test_namespaces_are_told_from_parts_of_a_vessel(sailed: Path, tmp_path: Path) -> None:
     marked = ["/harbour/a/robot_description", "/harbour/b/robot_description", "/harbour/b/arm/robot_description"]
     assert namespaces_of_vessels(marked) == {"a": "/harbour/a", "b": "/harbour/b"}
@@ -240,6 +247,7 @@ def test_namespaces_are_told_from_parts_of_a_vessel(sailed: Path, tmp_path: Path
         assert (log.vessels, log.vessel) == ((), "")
 
 
+@pytest.mark.medium
 def test_names_and_times_choose(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is latched comes along when it is asked for, also of a stretch that begins later."""
     names = ["imu/data", "/environment", "tf_static", "nosuch"]
@@ -252,6 +260,7 @@ def test_names_and_times_choose(recording: Path, tmp_path: Path, capsys: pytest.
     assert "no messages of nosuch" in capsys.readouterr().out
 
 
+@pytest.mark.medium
 def test_a_bag_that_is_there_stays_without_overwrite(recording: Path, tmp_path: Path) -> None:
     bag = written(recording, tmp_path / "made", "rosbag2-mcap", ["imu/data"])
     with pytest.raises(UserError, match="add --overwrite"):
@@ -262,6 +271,7 @@ def test_a_bag_that_is_there_stays_without_overwrite(recording: Path, tmp_path: 
     assert [entry.name for entry in tmp_path.iterdir()] == ["made"]  # nothing half made is left
 
 
+@pytest.mark.medium
 def test_a_bag_of_ros_1_ends_so_that_its_readers_know_it(recording: Path, tmp_path: Path) -> None:
     written(recording, tmp_path / "made", "rosbag1", ["wind"])
     with AnyReader([tmp_path / "made.bag"]) as reader:
@@ -270,6 +280,7 @@ def test_a_bag_of_ros_1_ends_so_that_its_readers_know_it(recording: Path, tmp_pa
         written(recording, tmp_path / "made", "rosbag1", ["wind"])
 
 
+@pytest.mark.medium
 def test_a_directory_that_is_no_bag_is_not_replaced(recording: Path, tmp_path: Path) -> None:
     (tmp_path / "made").mkdir()
     (tmp_path / "made" / "letter.txt").write_text("dear")
@@ -279,12 +290,14 @@ def test_a_directory_that_is_no_bag_is_not_replaced(recording: Path, tmp_path: P
     assert (bag / "metadata.yaml").is_file()
 
 
+@pytest.mark.medium
 def test_names_that_nothing_is_of_are_refused(recording: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no messages of nosuch"):
         written(recording, tmp_path / "made", "rosbag2-mcap", ["nosuch"])
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.medium
 def test_a_recording_cut_short_names_the_repair(recording: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(recording.read_bytes()[:-2000])
@@ -292,6 +305,7 @@ def test_a_recording_cut_short_names_the_repair(recording: Path, tmp_path: Path)
         written(cut, tmp_path / "made", "rosbag2-mcap")
 
 
+@pytest.mark.medium
 def test_ros_messages_of_an_mcap_that_is_no_bag_stay_as_they_are(tmp_path: Path) -> None:
     """Beside them a topic of JSON, and a type that is another one in ROS."""
     from mcap.writer import Writer
@@ -333,6 +347,7 @@ def test_ros_messages_of_an_mcap_that_is_no_bag_stay_as_they_are(tmp_path: Path)
         assert read["/json"][1].a == 5.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("bag_format", FORMATS)
 def test_definitions_and_messages_that_are_broken_are_left_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], bag_format: str
@@ -402,6 +417,7 @@ def test_a_log_of_ardupilot_is_motion_and_sensors_and_rows(tmp_path: Path) -> No
     assert [stamp for _, stamp, _ in read] == sorted(stamp for _, stamp, _ in read)
 
 
+@pytest.mark.medium
 def test_json_says_what_was_written(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = written(recording, tmp_path / "made", "rosbag2-mcap", ["wind"], as_json=True)
     said = json.loads(capsys.readouterr().out)

@@ -82,6 +82,7 @@ def test_what_ros1_lacks_is_left_out_and_is_zero_on_the_way_back() -> None:
     assert (back.range, back.variance) == (12.5, 0.0)
 
 
+@pytest.mark.medium
 def test_further_types_stay_with_who_brought_them() -> None:
     first = MessageTypes({"xitl_export/msg/ATT": "float64 roll\n"})
     second = MessageTypes({"xitl_export/msg/ATT": "float32 yaw\n"})

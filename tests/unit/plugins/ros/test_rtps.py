@@ -80,6 +80,7 @@ def test_a_submessage_without_a_body_is_not_the_last(kind: int) -> None:
     assert (part.first, part.last) == (1, 5)
 
 
+@pytest.mark.medium
 @given(st.binary(max_size=200))
 def test_bytes_from_outside_raise_nothing(noise: bytes) -> None:
     rtps.read_packet(noise)

@@ -485,6 +485,7 @@ def test_a_subscriber_that_does_not_read_loses_messages_and_holds_nobody_up(
         assert 0 < node.losses().dropped["/text"] <= 400
 
 
+@pytest.mark.medium
 def test_of_a_flood_the_latest_are_handled(nodes: Callable[[str], TcprosMiddleware]) -> None:
     giver, taker = nodes("giver"), nodes("taker")
     publish = giver.advertise("/thrust", FLOAT, QosProfile(depth=20_000))
@@ -549,6 +550,7 @@ def serve_arm(node: TcprosMiddleware) -> None:
     node.serve("/arm", SET_BOOL, lambda request: cdr(f"{SET_BOOL}_Response", success=True, message=""))
 
 
+@pytest.mark.medium
 def test_idle_persistent_calls_lock_nobody_out(nodes: Callable[[str], TcprosMiddleware]) -> None:
     node = nodes("xitl")
     serve_arm(node)
@@ -612,6 +614,7 @@ def test_a_node_that_is_not_listed_may_not_command(master: FakeMaster) -> None:
             node.close()
 
 
+@pytest.mark.medium
 def test_idle_connections_to_the_slave_api_lock_nobody_out_and_are_few(
     nodes: Callable[[str], TcprosMiddleware], master: FakeMaster
 ) -> None:

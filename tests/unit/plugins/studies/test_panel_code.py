@@ -50,6 +50,7 @@ WITH_TABLES = [
 ]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("name", WITH_TABLES)
 def test_panels_of_shipped_hulls_displace_what_the_vessel_does(name: str) -> None:
     model = load_profile(name).vehicle

@@ -158,6 +158,7 @@ def test_what_the_mouse_did_is_kept_and_a_free_camera_is_left_alone(browser: Bro
     assert browser.camera.look_at[0] == pytest.approx(6.0, abs=0.01)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("late", [1, 20, 200])
 def test_a_slow_browser_that_reports_old_places_is_nobodys_hand(browser: Browser, late: int) -> None:
     browser.late = late
@@ -199,6 +200,7 @@ def test_another_vessel_may_be_looked_at(browser: Browser) -> None:
     assert np.linalg.norm(offset) == pytest.approx(3.6 * 2.0)
 
 
+@pytest.mark.medium
 def test_the_memory_of_a_camera_does_not_grow(browser: Browser) -> None:
     def traced_bytes(seconds: int) -> int:
         for _ in range(seconds):

@@ -130,6 +130,7 @@ def test_the_track_grows_and_begins_anew_when_time_goes_back(drawing: DrawingOnS
     assert drawing.server.scene.get_handle_by_name("/tracks/vessel/new") is None
 
 
+@pytest.mark.medium
 def test_a_long_track_has_two_nodes_of_constant_size(drawing: DrawingOnServer) -> None:
     def sail(first: int, end: int) -> None:
         for step in range(first, end):

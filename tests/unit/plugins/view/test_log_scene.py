@@ -146,6 +146,7 @@ def test_of_many_frames_the_one_that_moves_is_the_vessel(tmp_path: Path) -> None
         np.testing.assert_allclose(vessel.position_enu_m[:2], [30.0, 50.0], atol=1e-9)
 
 
+@pytest.mark.medium
 def test_two_logs_are_laid_by_an_event_and_by_their_places_on_the_earth() -> None:
     with open_scene([CALM, LINUX]) as recording:
         assert len(recording.names) == 2
@@ -170,6 +171,7 @@ def sphere_m(one_deg: np.ndarray, other_deg: np.ndarray) -> float:
     return 2.0 * 6378100.0 * math.asin(math.sqrt(h))
 
 
+@pytest.mark.medium
 def test_without_a_common_place_both_begin_at_one_start_and_it_is_said(tmp_path: Path) -> None:
     other = json_file(tmp_path / "indoor.mcap", poses(SHAPES["nav_msgs/Odometry"], "/odom", 0.0))
     with open_scene([CALM, other]) as recording:

@@ -23,6 +23,7 @@ msgspec = pytest.importorskip("msgspec")
 connect = pytest.importorskip("websockets.sync.client").connect
 
 
+@pytest.mark.medium
 def test_the_objects_of_browsers_that_left_are_freed(monkeypatch: pytest.MonkeyPatch) -> None:
     joined: list[int] = []
     alive: WeakSet[Any] = WeakSet()

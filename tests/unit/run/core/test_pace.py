@@ -122,6 +122,7 @@ def test_what_is_taken_in_before_the_slip_is_noticed_is_not_from_the_future(step
     assert steps.pace.now_sim_ns(0) == steps.sim_ns + PERIOD
 
 
+@pytest.mark.medium
 @given(st.lists(st.integers(0, 2 * S), min_size=1, max_size=100))
 def test_simulation_time_never_runs_back_nor_faster_than_the_clock(stops_ns: list[int]) -> None:
     steps = Steps()

@@ -92,6 +92,7 @@ def test_the_signal_that_ended_it_is_why_it_is_lost(made: Callable[..., Beside])
     assert beside.wait_for_loss() == " (signal 9)"
 
 
+@pytest.mark.medium
 def test_what_still_waits_is_given_at_the_end(made: Callable[..., Beside], tmp_path: Path) -> None:
     code = """
 import pathlib

@@ -78,6 +78,7 @@ def exchanges(drift_ppm: list[float], window_s: float = 10.0, jitter_ns: float =
             local_ns += 1e8
 
 
+@pytest.mark.medium
 def test_the_variation_of_the_drift() -> None:
     """Drifts of known spread; a window of 100 exchanges finds its own to some 0.1 ppm with 50 us of jitter."""
     drifts = [10.0, 14.0, 6.0, 12.0, 8.0, 10.0, 15.0, 5.0]

@@ -143,6 +143,7 @@ def test_one_that_fails_says_why_and_the_others_go_on(
     assert "ZeroDivisionError" in capsys.readouterr().err
 
 
+@pytest.mark.medium
 def test_a_process_that_is_killed_names_those_beside() -> None:
     others = child_processes()
     with closing(AgentWorkers(1)) as one:
@@ -156,6 +157,7 @@ def test_a_process_that_is_killed_names_those_beside() -> None:
             agent.close()
 
 
+@pytest.mark.medium
 def test_they_end_with_a_host_that_is_killed() -> None:
     code = (
         "from xitl_cli.run.links.agent_workers import AgentWorkers\n"

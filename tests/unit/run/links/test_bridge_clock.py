@@ -171,6 +171,7 @@ def followed(monkeypatch: pytest.MonkeyPatch, theirs: SimulatedClock, seconds: f
     return case.clock.report()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("jump_ms", [0.0, 2500.0, -20_000.0])
 def test_a_simulated_clock_whose_process_is_kept_waiting_does_not_step_and_one_that_jumps_does(
     monkeypatch: pytest.MonkeyPatch, jump_ms: float

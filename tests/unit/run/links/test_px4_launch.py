@@ -92,6 +92,7 @@ def test_another_airframe(program: Path) -> None:
     made.end()
 
 
+@pytest.mark.medium
 def test_it_is_started_in_the_run_s_directory(program: Path, tmp_path: Path) -> None:
     made = launch(program)
     process = made.start(tmp_path / "run")

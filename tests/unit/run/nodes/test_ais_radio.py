@@ -96,6 +96,7 @@ def test_out_of_range_is_what_is_sent_farther_away() -> None:
     assert len(set.union(*mmsi.values())) == 4
 
 
+@pytest.mark.medium
 def test_loss_is_a_share_of_what_arrives_and_a_seed_repeats_it() -> None:
     counts, heard = radio_for(240.0, "world.ais.loss=0.3")
     arrived = counts["heard"] + counts["lost"]

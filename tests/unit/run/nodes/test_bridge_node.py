@@ -216,6 +216,7 @@ def _fields(report: Any) -> dict[str, Any]:
     return {name: getattr(report, name) for name in type(report).__dataclass_fields__}
 
 
+@pytest.mark.medium
 def test_a_log_whose_last_block_ends_within_a_record_is_cut_to_whole_records(tmp_path: Path) -> None:
     log = tmp_path / "1.bin"
     log.write_bytes(lzma.decompress((LOGS / "boat-auto-external-ahrs.bin.xz").read_bytes()))

@@ -55,6 +55,7 @@ def odometry(stamp_ns: int, *place: float, q: tuple[float, ...] = (1.0, 0.0, 0.0
     return mav.MAVLink_odometry_message(stamp_ns // 1000, 20, 12, *place, q, *numbers, [0.0] * 21, [0.0] * 21)
 
 
+@pytest.mark.medium
 def test_each_pose_has_the_truth_of_its_own_instant() -> None:
     found, heard = findings()
     for step in range(1, 2001):
@@ -70,6 +71,7 @@ def test_each_pose_has_the_truth_of_its_own_instant() -> None:
     assert heard.told.count("odometry") == 50
 
 
+@pytest.mark.medium
 def test_a_pose_that_comes_far_too_late_has_no_truth() -> None:
     found, _ = findings()
     for step in range(1, 400 * 12):
@@ -103,6 +105,7 @@ def test_a_map_comes_together_from_its_parts() -> None:
     assert len(found.map_points("sonar")[0]) == 59
 
 
+@pytest.mark.medium
 def test_the_memory_of_poses_and_maps_does_not_grow() -> None:
     found, heard = findings()
     none = np.zeros(20, np.float32), np.zeros(20, np.uint8)

@@ -83,6 +83,7 @@ def test_one_that_dies_is_told_and_the_run_goes_on(
     assert json.loads((tmp_path / "out" / "summary.json").read_text()) == result.summary
 
 
+@pytest.mark.medium
 def test_an_autopilot_in_its_place_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, golden: Golden) -> None:
     opened = line.open_peer
 

@@ -36,6 +36,7 @@ def sail(
     return watch, said
 
 
+@pytest.mark.medium
 @settings(max_examples=8, deadline=None)
 @given(
     place=st.tuples(st.floats(-80, 80), st.floats(-80, 80)),
@@ -52,6 +53,7 @@ def test_closest_approach_is_the_closed_form(place: tuple[float, float], velocit
         assert found.at_s == pytest.approx(at_s, abs=1e-3)
 
 
+@pytest.mark.medium
 def test_a_crossing_is_told_from_its_beginning_to_its_end() -> None:
     """Both are 90 m from the crossing; 1 comes from starboard of 0, which gives way, and is there 2 s later."""
     watch, said = sail([(-90.0, 0.0), (0.0, 96.0)], [(3.0, 0.0), (0.0, -3.0)], 60.0)
@@ -70,6 +72,7 @@ def test_a_crossing_is_told_from_its_beginning_to_its_end() -> None:
     ]
 
 
+@pytest.mark.medium
 def test_hulls_are_nearer_to_each_other_than_places() -> None:
     """Meeting abreast, 5 m between the middles: the outer sides lie 0.8 + 0.2 m from them."""
     watch, _ = sail([(0.0, 0.0), (60.0, 5.0)], [(2.0, 0.0), (-2.0, 0.0)], 30.0)
@@ -83,6 +86,7 @@ def test_hulls_that_touch_are_at_no_distance() -> None:
     assert watch.approach(0).hull_distance_m == 0.0
 
 
+@pytest.mark.medium
 @settings(max_examples=20, deadline=None)
 @given(
     place=st.tuples(st.floats(-6, 6), st.floats(-6, 6)),

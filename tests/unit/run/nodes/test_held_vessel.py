@@ -49,6 +49,7 @@ class Deaf:
         return lambda *arguments: None
 
 
+@pytest.mark.medium
 def test_it_does_not_move_turn_or_accelerate_in_waves_wind_and_current() -> None:
     profile = load_profile("sitl-ardupilot", [f"clock.duration_s={HELD_S + FREE_S}"]).runnable()
     seeds = Seeds(1)

@@ -78,6 +78,7 @@ def played(folder: Path, stream: Stream, **keys: Any) -> Result:
     return run(profile, folder, False, NoDisplay, operation=Operation(people=(stream,)))
 
 
+@pytest.mark.medium
 def test_of_many_between_two_exchanges_the_latest_counts(tmp_path: Path) -> None:
     one = [{"action": "velocity", "speed_mps": speed, "turn_rate_radps": 0.0} for speed in (0.1, 0.2)]
     stream = Stream(lambda now_s: one if now_s < 1.0 else [{"action": "end"}], times=3)
@@ -89,6 +90,7 @@ def test_of_many_between_two_exchanges_the_latest_counts(tmp_path: Path) -> None
     assert summary["verdict"]["why"] == "nodes of ROS drove"
 
 
+@pytest.mark.medium
 def test_a_vessel_that_nobody_can_drive_does_not_set_out(tmp_path: Path) -> None:
     profile = load_profile("mitl", ["driver.kind=ros", "ros.enabled=false"])
     with pytest.raises(UserError, match=r"driver\.kind = ros needs ROS, which is off.*--replay-events"):

@@ -53,6 +53,7 @@ def test_the_sail_of_the_guide_moves_the_vessel_and_is_recorded(install: Install
     assert without_n > edge_on_n + 1.0, "the wind from astern pushes a sail across the boat, and not one along it"
 
 
+@pytest.mark.medium
 def test_the_force_of_the_sail_is_that_of_its_formula(install: Install, boat: Path) -> None:
     install("xitl-sail", SAIL, actuators=ENTRY)
     profile = load_profile("boat.yaml").runnable()
@@ -69,6 +70,7 @@ def test_the_force_of_the_sail_is_that_of_its_formula(install: Install, boat: Pa
     assert later[0, 2] == pytest.approx(30.0 / 90.0 / profile.clock.physics_rate_hz)
 
 
+@pytest.mark.medium
 def test_a_fleet_steps_each_vessel_as_alone(install: Install, boat: Path) -> None:
     install("xitl-sail", SAIL, actuators=ENTRY)
     model = load_profile("boat.yaml").runnable().vehicle
@@ -89,6 +91,7 @@ def test_a_fleet_steps_each_vessel_as_alone(install: Install, boat: Path) -> Non
     assert together[1, 2] == pytest.approx(-1 / 3)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("spun", "why"),
     [
@@ -167,6 +170,7 @@ def test_faults_on_an_added_actuator_are_refused(install: Install, boat: Path) -
         load_profile("boat.yaml")
 
 
+@pytest.mark.medium
 def test_a_fault_of_a_propeller_acts_beside_a_sail(install: Install, boat: Path) -> None:
     install("xitl-sail", SAIL, actuators=ENTRY)
     boat.write_text(
@@ -189,6 +193,7 @@ def test_the_embedded_autopilot_leaves_an_added_actuator_at_zero(install: Instal
     assert np.abs(commands[:, :2]).max() > 0.0
 
 
+@pytest.mark.medium
 def test_a_passive_actuator_has_no_command(install: Install, boat: Path) -> None:
     code = SAIL.replace(
         "    def make", "    @property\n    def commands(self):\n        return ()\n\n    def make"

@@ -207,6 +207,7 @@ def test_two_packages_with_one_bridge(install: Install, boat: Path) -> None:
     assert kinds.bridge_kind("px4") is kinds.PX4
 
 
+@pytest.mark.medium
 def test_a_bridge_that_cannot_be_opened_is_refused_before_the_run(install: Install, boat: Path) -> None:
     install("xitl-lines", LINES.replace("self.socket = ", "1 / 0; self.socket = "), bridges=ENTRY)
     with pytest.raises(UserError, match=r"lines \(xitl-lines 1\.2\) failed when it was opened \(ZeroDivisionError"):

@@ -69,11 +69,13 @@ def test_a_driver_of_a_package_steers_the_vessel_and_reads_its_keys(install: Ins
     assert north_m > 15.0, "1.5 m/s to the north for most of 25 s"
 
 
+@pytest.mark.medium
 def test_without_its_group_the_keys_have_their_defaults(install: Install, boat: Path) -> None:
     install("xitl-sprint", SPRINT.replace("FAILURE", "pass"), drivers="sprint = xitl_sprint:KIND")
     assert run("clock.duration_s=1.0").summary["sprint"] == {"distance_m": 40.0, "closed": True}
 
 
+@pytest.mark.medium
 def test_a_driver_that_raises_ends_the_run_with_its_name_and_the_traceback(install: Install, boat: Path) -> None:
     install("xitl-sprint", SPRINT.replace("FAILURE", "1 / 0"), drivers="sprint = xitl_sprint:KIND")
     result = run("clock.duration_s=25.0")

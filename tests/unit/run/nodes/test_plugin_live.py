@@ -72,6 +72,7 @@ def test_a_plain_function_without_keys_is_an_output_too(install: Install, boat: 
         load_profile("boat.yaml", ["plugins.beacon.port=1"])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("before", "after"),
     [
@@ -97,6 +98,7 @@ def test_an_output_that_raises_ends_the_run_with_its_name(
     assert re.search(r"live\.outputs beacon \(xitl-beacon 1\.2\) failed .*ZeroDivisionError", error)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("show", ["1 / 0", "return lambda payload, stamp_ns: 1 / 0"])
 def test_a_mirror_that_raises_ends_the_run_and_leaves_the_recording_whole(
     install: Install, boat: Path, show: str
@@ -112,6 +114,7 @@ def test_a_mirror_that_raises_ends_the_run_and_leaves_the_recording_whole(
         assert any("Traceback" in text for text in log.tables["/log"].values("message"))
 
 
+@pytest.mark.medium
 def test_a_profile_needs_the_package_of_its_output(install: Install, boat: Path) -> None:
     boat.write_text("extends: mitl\nlive: {outputs: [beacon]}\n", encoding="utf-8")
     with pytest.raises(ProfileError, match=r"live\.outputs\.0 = 'beacon' is not one of the choices; .*install the"):

@@ -87,6 +87,7 @@ def failing(install: Install, method: str, line: str = "raise ZeroDivisionError(
     )
 
 
+@pytest.mark.medium
 @pytest.mark.usefixtures("depth")
 def test_the_keys_of_a_plug_in_are_checked_and_kept() -> None:
     profile = load_profile(write("extends: sitl\nplugins:\n  depth:\n    rate_hz: 5\n"))
@@ -138,6 +139,7 @@ def test_a_plug_in_that_cannot_be_used_is_one_problem_of_the_profile(
     assert problem in str(found)
 
 
+@pytest.mark.medium
 @pytest.mark.usefixtures("depth")
 def test_a_run_records_the_topic_of_a_plug_in_and_a_seed_repeats_it() -> None:
     text = "extends: sitl\nclock: {duration_s: 3}\nplugins: {depth: {rate_hz: 5}}\n"
@@ -155,6 +157,7 @@ def test_a_run_records_the_topic_of_a_plug_in_and_a_seed_repeats_it() -> None:
         assert log.tables["/depth"].values("depth_m").tolist() == depth_m.tolist()
 
 
+@pytest.mark.medium
 @pytest.mark.usefixtures("depth")
 def test_a_vessel_of_a_fleet_has_its_own_plug_ins() -> None:
     result = run(FLEET + "clock: {duration_s: 1}\nplugins: {depth: {}}\n")
@@ -179,6 +182,7 @@ def test_a_recorded_profile_is_read_without_the_plug_in(
     assert names == (["alpha", "beta"] if fleet else [""])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("method", "when"),
     [
@@ -210,6 +214,7 @@ def test_a_node_that_raises_ends_the_run_with_its_name_and_traceback(
     assert trace.rstrip().endswith("ZeroDivisionError: two\nlines")
 
 
+@pytest.mark.medium
 def test_a_node_that_raises_ends_the_run_of_a_fleet_that_drifts_on(
     install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,6 +226,7 @@ def test_a_node_that_raises_ends_the_run_of_a_fleet_that_drifts_on(
     assert result.summary["error"].startswith("alpha: plugins.broken (xitl-broken 1.2) failed at 0.02 s")
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("method", "line", "when"),
     [
@@ -242,6 +248,7 @@ def test_a_failure_after_the_run_is_a_warning(
     assert json.loads((result.directory / "summary.json").read_text())["plugins"].keys() == {"broken"}
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("code", "error"),
     [
@@ -307,18 +314,21 @@ KIND = NodeKind(Keys, Watch, needs=(AutopilotNode,), place=Place.AUTOPILOT_EVENT
 """
 
 
+@pytest.mark.medium
 def test_a_node_finds_another_node_that_it_needs(install: Install, depth: None) -> None:
     install("xitl-watch", WATCH, nodes="watch = xitl_watch:KIND")
     report = run("extends: sitl\nclock: {duration_s: 3}\nplugins: {watch: {}}\n").summary["plugins"]["watch"]
     assert 0.0 < report["heard_at_s"] < 3.0
 
 
+@pytest.mark.medium
 def test_a_run_without_the_node_that_a_plug_in_needs_is_refused(install: Install, depth: None) -> None:
     install("xitl-watch", WATCH, nodes="watch = xitl_watch:KIND")
     with pytest.raises(UserError, match=r"^plugins\.watch needs AutopilotNode, which no node of this run provides$"):
         run("extends: mitl\nclock: {duration_s: 1}\nplugins: {watch: {}}\n")
 
 
+@pytest.mark.medium
 def test_the_edges_of_a_plug_in_are_in_the_graph_of_the_run(install: Install, depth: None) -> None:
     install("xitl-watch", WATCH.replace("place=", 'edges=[("D", "M")], place='), nodes="watch = xitl_watch:KIND")
     graph = run("extends: sitl\nclock: {duration_s: 1}\nplugins: {watch: {}}\n").summary["graph"]
@@ -326,6 +336,7 @@ def test_the_edges_of_a_plug_in_are_in_the_graph_of_the_run(install: Install, de
     assert "D-M" in graph["unclaimed"]
 
 
+@pytest.mark.medium
 def test_an_edge_of_an_unknown_node_is_refused(install: Install, depth: None) -> None:
     install("xitl-watch", WATCH.replace("place=", 'edges=[("D", "GPS")], place='), nodes="watch = xitl_watch:KIND")
     with pytest.raises(UserError, match=r"^plugins\.watch \(xitl-watch .*\): its edges name GPS, which is not a node"):

@@ -84,6 +84,7 @@ def test_without_a_word_in_the_profile_it_is_open_water() -> None:
     assert simulation.waterway is OPEN_WATER
 
 
+@pytest.mark.medium
 def test_what_stands_in_the_river_of_the_profile_is_felt() -> None:
     profile = load_profile("sitl", ["world.contact=true"]).runnable()
     standing = build_simulation(profile, Seeds(1))[0].waterway.standing

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from agent.wire import dialect
 from agent.wire.codec import Message, decode
@@ -88,6 +89,7 @@ def test_position_and_attitude_are_asked_for_once_each_when_that_is_heeded() -> 
     assert [(round(one.param1), one.param2) for one in autopilot.messages] == [(POSITION, 40e3), (ATTITUDE, 40e3)]
 
 
+@pytest.mark.medium
 def test_one_whose_bridge_asks_otherwise_is_asked_again() -> None:
     autopilot = Asked(heeds=3)
     autopilot.view.heard = True
@@ -95,6 +97,7 @@ def test_one_whose_bridge_asks_otherwise_is_asked_again() -> None:
     assert len(autopilot.messages) == 6
 
 
+@pytest.mark.medium
 def test_one_that_keeps_to_its_rate_is_left_alone_after_some_time() -> None:
     autopilot = Asked(heeds=1000)
     autopilot.view.heard = True
@@ -102,6 +105,7 @@ def test_one_that_keeps_to_its_rate_is_left_alone_after_some_time() -> None:
     assert len(autopilot.messages) == 2 * ASKS
 
 
+@pytest.mark.medium
 def test_one_that_has_no_estimate_yet_is_not_pestered() -> None:
     autopilot = Asked(heeds=1000)
     autopilot.view.heard, autopilot.rate_hz = True, 0.0

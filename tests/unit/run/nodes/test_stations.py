@@ -124,6 +124,7 @@ def fleet(
     ]
 
 
+@pytest.mark.medium
 def test_a_fleet_is_met_together_and_each_on_its_own(usual: int) -> None:
     made = StationAddresses(fleet("one", "two", "three"))
     together = [made.of(name).told for name in ("one", "two", "three")]
@@ -143,6 +144,7 @@ def test_a_fleet_is_met_together_and_each_on_its_own(usual: int) -> None:
     assert report["frames_in"] == 0
 
 
+@pytest.mark.medium
 def test_addresses_of_one_vessel_are_its_own_and_shared_ones_the_fleets() -> None:
     together, free = free_port(), free_port()
     given = (f"autopilot.ground_stations=[tcp://127.0.0.1:{together}, udp://10.0.0.9:14550]",)
@@ -162,6 +164,7 @@ def test_in_lockstep_there_is_none_unless_asked_for() -> None:
     assert made.report() == {}
 
 
+@pytest.mark.medium
 def test_who_was_never_heard_is_said(golden: Golden) -> None:
     made = StationAddresses(fleet("one", "two"))
     made.close()

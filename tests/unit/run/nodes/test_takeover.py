@@ -65,6 +65,7 @@ def test_a_pause_of_the_host_itself_is_no_silence() -> None:
 commands = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=60)
 
 
+@pytest.mark.medium
 @given(commands, st.floats(0.01, 1.0))
 def test_no_motor_jumps_further_than_the_step_on_the_way(wanted: list[tuple[float, float]], max_step: float) -> None:
     ramp = MotorRamp(max_step)

@@ -36,6 +36,7 @@ def sent(suite: SensorSuite, plant: Plant, number: int, step: int) -> list[tuple
     return [(message.get_type(), prepare(message)[1]) for message in messages]
 
 
+@pytest.mark.medium
 def test_each_vessel_gets_the_samples_that_it_would_get_alone(tmp_path: Path) -> None:
     path = tmp_path / "fleet.yaml"
     path.write_text(FLEET)

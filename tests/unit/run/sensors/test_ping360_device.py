@@ -157,6 +157,7 @@ def test_commands_that_come_too_fast_are_dropped_and_counted() -> None:
     assert len(bench.run(3.0)) == WAITING
 
 
+@pytest.mark.medium
 @given(st.lists(st.tuples(st.integers(0, 65535), st.binary(max_size=24)), max_size=20))
 def test_no_message_raises(messages: list[tuple[int, bytes]]) -> None:
     bench = Bench()

@@ -42,6 +42,7 @@ def test_a_length_that_cannot_be_holds_nothing_up() -> None:
     assert framer.feed(b"BR\xff\xff\x06\x00\x00\x00" + pack_frame(REQUEST)) == [REQUEST]
 
 
+@pytest.mark.medium
 @given(st.lists(st.binary(max_size=64), max_size=12))
 def test_no_bytes_raise(chunks: list[bytes]) -> None:
     framer = PingFramer()

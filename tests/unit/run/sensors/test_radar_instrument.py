@@ -86,6 +86,7 @@ def radar_of(of: RunProfile, seed: int = 1, around: Any = None) -> RadarInstrume
     return make_radar(of, Seeds(seed), Scenery(of), around or plant())
 
 
+@pytest.mark.medium
 def test_sectors_follow_without_gaps_and_plots_come_after_their_turn() -> None:
     kept = told(radar_of(profile(BUOYS)), 5.2)
     assert [sector.number for _, sector in kept.sectors] == [*range(SECTORS)] * 2
@@ -100,6 +101,7 @@ def test_sectors_follow_without_gaps_and_plots_come_after_their_turn() -> None:
         assert (plot.measured_ns - STEP_NS) * 1e-9 == pytest.approx(2.5 * (turn + 0.75), abs=0.01)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("heading_deg", [0.0, 120.0])
 def test_a_buoy_is_at_its_place_at_any_heading(heading_deg: float) -> None:
     kept = told(radar_of(profile(BUOYS)), 2.7, math.radians(heading_deg))
@@ -109,6 +111,7 @@ def test_a_buoy_is_at_its_place_at_any_heading(heading_deg: float) -> None:
     assert math.degrees(plot.bearing_rad) == pytest.approx((90.0 - heading_deg) % 360.0, abs=0.3)
 
 
+@pytest.mark.medium
 def test_a_picture_has_the_bow_up_and_starboard_to_the_right(tmp_path: Path) -> None:
     """Read by Pillow: the buoy at 200 m of 250 m to starboard, on a vessel that heads north."""
     image = pytest.importorskip("PIL.Image")
@@ -127,12 +130,14 @@ def test_a_picture_has_the_bow_up_and_starboard_to_the_right(tmp_path: Path) -> 
     assert pixels[0, 0] == 0
 
 
+@pytest.mark.medium
 def test_the_measured_heading_has_its_noise() -> None:
     kept = told(radar_of(profile("sensors.radar.heading_noise_deg=2")), 7.6, 1.0)
     off_deg = [math.degrees(math.remainder(sector.heading_rad - 1.0, math.tau)) for _, sector in kept.sectors]
     assert np.std(off_deg) == pytest.approx(2.0, rel=0.35)
 
 
+@pytest.mark.medium
 def test_a_seed_repeats_and_another_does_not() -> None:
     first, again, other = (
         [sector.intensity.tobytes() for _, sector in told(radar_of(profile(BUOYS), seed), 0.6).sectors]
@@ -160,6 +165,7 @@ def test_a_vessel_has_the_section_of_its_length_and_a_drifting_body_that_of_its_
     )
 
 
+@pytest.mark.medium
 def test_the_river_is_seen_by_tiles_as_without() -> None:
     """The image is that of all points, with the dam in its place and nothing behind it."""
     of = load_profile("sitl-radar", ["environment.rain_mmph=0", "world.river.trees=0", "world.shoals=[]"]).runnable()

@@ -75,6 +75,7 @@ def same(one: Any, other: Any) -> bool:
     return values(one) == values(other)
 
 
+@pytest.mark.medium
 def test_without_faults_nothing_changes() -> None:
     plain, _ = sensed(None, 2.0)
     with_none, sensing = sensed({}, 2.0)
@@ -84,6 +85,7 @@ def test_without_faults_nothing_changes() -> None:
         assert all(same(message, with_none[sensor][stamp]) for stamp, message in messages.items())
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("sensor", "fault", "field", "added"),
     [
@@ -113,6 +115,7 @@ def test_a_bias_adds_exactly_while_it_lasts_and_touches_nothing_else(
     assert sensing.fault_counts() == {"off": {f"{sensor}_biased": touched}}
 
 
+@pytest.mark.medium
 def test_a_bias_in_position_moves_the_fix_by_so_many_metres() -> None:
     bias = (3.0, -4.0, 1.5)
     plain, _ = sensed(None, 3.0)
@@ -132,6 +135,7 @@ def test_a_bias_in_position_moves_the_fix_by_so_many_metres() -> None:
         assert (moved.h_acc, moved.fix_type, moved.satellites) == (message.h_acc, message.fix_type, message.satellites)
 
 
+@pytest.mark.medium
 def test_a_drift_of_the_position_grows_from_zero_and_leaves_the_velocity() -> None:
     clean, _ = sensed(None, 3.0)
     drifting, _ = sensed({"x": {"from_s": 1.0, "gnss": {"drift_mps": 0.5, "drift_bearing_deg": 90.0}}}, 3.0)
@@ -145,6 +149,7 @@ def test_a_drift_of_the_position_grows_from_zero_and_leaves_the_velocity() -> No
         assert list(other.velocity) == list(fix.velocity)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("sensor", IDS.values())
 def test_a_frozen_sensor_repeats_its_last_values_with_new_stamps(sensor: str) -> None:
     plain, _ = sensed(None, 3.0)
@@ -159,6 +164,7 @@ def test_a_frozen_sensor_repeats_its_last_values_with_new_stamps(sensor: str) ->
     assert sensing.fault_counts() == {"still": {f"{sensor}_frozen": len(frozen)}}
 
 
+@pytest.mark.medium
 def test_a_sensor_frozen_from_the_start_repeats_its_first_sample() -> None:
     plain, _ = sensed(None, 1.0)
     faulty, _ = sensed({"still": {"barometer": {"freeze": True}}}, 1.0)
@@ -190,12 +196,14 @@ def test_a_dropout_takes_its_share_at_random_and_repeats_with_the_seed() -> None
     assert other_name["imu"].keys() != faulty["imu"].keys()
 
 
+@pytest.mark.medium
 def test_a_dropout_of_one_leaves_nothing_and_ends_on_time() -> None:
     plain, _ = sensed(None, 3.0)
     faulty, _ = sensed({"gone": {"from_s": 1.0, "until_s": 2.0, "gnss": {"dropout": 1.0}}}, 3.0)
     assert faulty["gnss"].keys() == {stamp for stamp in plain["gnss"] if not 1_000_000 <= stamp < 2_000_000}
 
 
+@pytest.mark.medium
 def test_faults_at_the_same_time_add_up() -> None:
     plain, _ = sensed(None, 1.0)
     faults = {

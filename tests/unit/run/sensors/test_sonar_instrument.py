@@ -63,6 +63,7 @@ def instrument(seed: int = 1, **keys: Any) -> SonarInstrument:
     return SonarInstrument(SonarSpec(**keys), lambda _: WALL, Seeds(seed))
 
 
+@pytest.mark.medium
 def test_pings_scan_the_sector_and_come_when_heard_out() -> None:
     sonar, kept = instrument(latency_s=0.1), Kept()
     sonar.begin(cast(Any, kept))
@@ -82,6 +83,7 @@ def test_pings_scan_the_sector_and_come_when_heard_out() -> None:
     assert sonar.report()["echoes"] == sum(len(points) for points in kept.points)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("mounted_deg", "vessel_deg", "bow_grad"), [(0.0, 0.0, 0), (90.0, 0.0, 0), (0.0, 90.0, 300)])
 def test_the_wall_to_the_north_is_where_it_is(mounted_deg: float, vessel_deg: float, bow_grad: int) -> None:
     """However the head is mounted, the angle of a ping counts from the bow."""
@@ -97,6 +99,7 @@ def test_the_wall_to_the_north_is_where_it_is(mounted_deg: float, vessel_deg: fl
         assert np.abs(reach_m - slant_m).min() <= (0.1 if off_grad == 0 else 0.3)
 
 
+@pytest.mark.medium
 def test_a_seed_repeats_and_another_does_not() -> None:
     first, again, other = ([ping.intensity.tobytes() for _, ping in told(instrument(seed), 2.0)] for seed in (1, 1, 2))
     assert first == again != other
@@ -112,6 +115,7 @@ def test_a_short_range_has_fewer_samples_and_whole_ticks() -> None:
         assert settings.listen_s == pytest.approx(2.0 * range_m / 1500.0, rel=0.01)
 
 
+@pytest.mark.medium
 def test_a_run_hears_where_its_boom_is() -> None:
     """Floats of 0.3 m about north 20: the echo begins at 19.7, the pulse two samples of 5 cm earlier and later."""
     pytest.importorskip("embreex")

@@ -55,6 +55,7 @@ def test_of_two_stern_to_stern_the_faster_one_overtakes() -> None:
     assert seen(180.0, 180.0, (2.0, 1.0)).gives_way == (0,)
 
 
+@pytest.mark.medium
 @settings(deadline=None)
 @given(
     bearing_deg=st.floats(-179, 179), heading_deg=st.floats(-179, 179), turned=st.floats(-math.pi, math.pi)

@@ -111,6 +111,7 @@ def test_a_long_track_is_not_kept() -> None:
     assert size_bytes(track) < 250 * 50
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.6), (-0.4, -0.3)])
 def test_a_follower_that_the_current_carries_off_ends_at_its_place(current: Point) -> None:
     """It takes the velocity for one through the water, with a lag of 2 s; it starts 25 m behind and 12 m beside."""

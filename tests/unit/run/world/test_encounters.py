@@ -116,6 +116,7 @@ def test_nothing_comes_while_the_vessel_heads_nowhere_or_there_is_none() -> None
     assert DebrisEncounters((), legs, SPEED_MPS, current(0.0, 0.0), OPEN, WATER).due(0, (99.0, 0.0), 0) == []
 
 
+@pytest.mark.medium
 def test_a_vessel_that_is_late_meets_the_same() -> None:
     legs = MissionLegs(PLACES)
     wanted = draw_encounters(Keys(count=5), legs.length_m, default_rng(9))

@@ -67,6 +67,7 @@ def test_each_sees_the_others_and_what_drifts_but_not_itself(plant: Plant) -> No
     assert not len(starboard.hulls(9.0).top_down_m)
 
 
+@pytest.mark.medium
 def test_range_sensors_of_the_suite_hear_of_hulls_and_alone_of_none(plant: Plant) -> None:
     view = plant.vessels[0]
     assert isinstance(plant.simulation, Fleet)

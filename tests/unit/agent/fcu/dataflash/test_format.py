@@ -125,6 +125,7 @@ def test_in_lockstep_no_load_is_claimed() -> None:
         assert name == "PM" or row.letters == FORMATS[name].letters
 
 
+@pytest.mark.medium
 def test_mavlogdump_prints_it(tmp_path: Path) -> None:
     path = written(tmp_path, FORMATS["MSG"].pack(2_000_000, "hello"), FORMATS["ATT"].pack(3_000_000, *range(6)))
     script = Path(sys.executable).parent / "mavlogdump.py"
@@ -140,6 +141,7 @@ def test_mavlogdump_prints_it(tmp_path: Path) -> None:
         assert "DesYaw" in ran.stdout
 
 
+@pytest.mark.medium
 @given(data=st.data(), name=st.sampled_from(sorted(set(FORMATS) - {"FMT", "FMTU", "UNIT", "MULT"})))
 def test_any_value_makes_a_readable_record(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, name: str

@@ -54,6 +54,7 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     return Disk(monkeypatch)
 
 
+@pytest.mark.medium
 def test_records_come_out_in_order(tmp_path: Path) -> None:
     writer = LogWriter(fixed_log_opener(tmp_path / "new" / "log.bin"), period_s=PERIOD_S)
     assert writer.put(header(FORMATS, 0), True)

@@ -32,6 +32,7 @@ REPORT = ExperimentReport(
 )
 
 
+@pytest.mark.medium
 def test_the_eight_indices_are_as_printed() -> None:
     assert len(PRINTED) == 8
     report = wdri_report(ExperimentSetup(Path()))
@@ -43,6 +44,7 @@ def test_the_eight_indices_are_as_printed() -> None:
     assert [one.computed.n for one in compute_indices()] == [9, 4, 9, 9, 9, 9, 9, 9]
 
 
+@pytest.mark.medium
 def test_a_figure_is_the_same_bytes_twice_and_a_whole_file() -> None:
     assert drawn(LINE, "png")[:8] == b"\x89PNG\r\n\x1a\n"
     picture = drawn(LINE, "svg")
@@ -50,6 +52,7 @@ def test_a_figure_is_the_same_bytes_twice_and_a_whole_file() -> None:
     assert ElementTree.fromstring(picture).tag.endswith("svg")
 
 
+@pytest.mark.medium
 def test_the_page_asks_for_nothing_outside(tmp_path: Path) -> None:
     write_page([REPORT], tmp_path / "paper.html")
     page = (tmp_path / "paper.html").read_text()
@@ -66,6 +69,7 @@ def test_values_for_people() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.medium
 def test_what_draws_is_named_where_it_is_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from tests.command_line import xitl_app
 

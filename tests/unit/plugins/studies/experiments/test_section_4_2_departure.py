@@ -57,6 +57,7 @@ def make_runs(
     monkeypatch.setattr("xitl_cli.experiment.setup.run", run)
 
 
+@pytest.mark.medium
 def test_six_runs_that_differ_in_environment_and_sensors_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Any] = []
     make_runs(monkeypatch, seen)
@@ -81,6 +82,7 @@ def test_six_runs_that_differ_in_environment_and_sensors_alone(tmp_path: Path, m
     assert "by less" in sooner.difference
 
 
+@pytest.mark.medium
 def test_what_did_not_happen_has_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_runs(monkeypatch, [], autopilot={"firmware": "4.7.0"}, error="gave up")
     report = departure_report(ExperimentSetup(tmp_path / "out", firmware=ardurover(tmp_path)))

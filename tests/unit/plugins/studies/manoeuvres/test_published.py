@@ -29,6 +29,7 @@ def test_the_otter(number: int) -> None:
     assert_same(run, Otter((shafts[0], shafts[1])).run(15.0, 0.1), 0.1, 5, 11)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("number", range(len(RUNS["wamv16"])))
 def test_the_wam_v(number: int) -> None:
     run = RUNS["wamv16"][number]

@@ -120,6 +120,7 @@ def test_astern_it_stops_sooner_than_by_drag_alone(checked: VesselCheck) -> None
     assert 0 < values["crash_stop_distance_m"] < values["coasting_distance_m"]  # type: ignore[operator]
 
 
+@pytest.mark.medium
 def test_what_looks_wrong(model: VesselSpec) -> None:
     def rules(spec: VesselSpec, demands: Demands | None = None) -> set[str]:
         found = list(rest_findings(AtRest(spec, WATER), demands or Demands()))
@@ -198,6 +199,7 @@ def test_yaw_damping_of_clarke_by_hand(model: VesselSpec, rest: AtRest) -> None:
     assert clarke_yaw_damping_nmps(rest, 2.0) == pytest.approx(both)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("factor", "rule"), [(1e-3, "damping.yaw.little"), (1.0, None), (10.0, "damping.yaw.much")])
 def test_yaw_damping_off_by_a_power_of_ten(model: VesselSpec, factor: float, rule: str | None) -> None:
     linear, quadratic = model.damping_linear, model.damping_quadratic
