@@ -3,4 +3,4 @@
 It uses Python 3.9 syntax and only the standard library, so that it runs from one file on a small Linux board.
 """
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
