@@ -27,7 +27,7 @@ from xitl_cli.logs.signals.sensors import (
     sensor_series,
 )
 from xitl_cli.logs.signals.series import make_series
-from xitl_cli.logs.signals.spans import find_holds, runs
+from xitl_cli.logs.signals.spans import find_holds, join_runs, runs
 from xitl_cli.logs.signals.states import parameter_values, vehicle_kind
 from xitl_cli.plugins.logs.analyses.outputs import driven_outputs
 
@@ -368,23 +368,13 @@ def _steps(stamp_ns: Stamps, values: Floats, least: float) -> tuple[list[int], l
         return [], []
     limit = max(least, _NOISE_FACTOR * float(np.median(length[whole])))
     rows = []
-    for begin, after in _near(runs(length > limit), half):
+    for begin, after in join_runs(runs(length > limit), half):
         row = begin + int(np.argmax(length[begin:after]))
         # A step is within a row or two: a ramp over the whole window is not a step.
         sides = values[max(row - 2, 0)], values[min(row + 1, len(values) - 1)]
         if np.linalg.norm(sides[1] - sides[0]) > 0.5 * length[row]:
             rows.append(row)
     return rows, [step[row] for row in rows]
-
-
-def _near(spans: Sequence[tuple[int, int]], rows: int) -> list[tuple[int, int]]:
-    joined: list[tuple[int, int]] = []
-    for begin, after in spans:
-        if joined and begin - joined[-1][1] < rows:
-            joined[-1] = joined[-1][0], after
-        else:
-            joined.append((begin, after))
-    return joined
 
 
 def paired_steps(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
