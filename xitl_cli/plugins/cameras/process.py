@@ -1,4 +1,4 @@
-"""The process that draws the images of a run's cameras.
+"""A process that draws images of a run's cameras.
 
 `python -m xitl_cli.plugins.cameras.process PIPE`: number of an inherited socket. Messages to it are pickled:
 StudioStart, (name, TriangleModel), Commission. Its messages are JSON: {"device": …} or {"problem": …}, then one for

@@ -1,11 +1,13 @@
-"""The studio in another process, and the images that are under way. See SideProcess for the pipe."""
+"""Studios in other processes, and the images that are under way. See SideProcess for the pipe."""
 
 from __future__ import annotations
 
 import base64
 import io
+import os
+from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,9 @@ from xitl_cli.run.core.side_process import SideProcess
 PATIENCE_S = 60.0
 """For the first image, which compiles the programs of the graphics card."""
 END_S = 5.0
+MOST_STUDIOS = 4
+SOFTWARE = ("llvmpipe", "softpipe")
+"""Renderers of Mesa that draw with the processors."""
 NO_PIXELS = np.empty((0, 0), np.uint8)
 
 
@@ -44,31 +49,60 @@ class StudioStart:
     """Models that never move."""
 
 
-class RemoteStudio:
-    """Takes images in another process, in the order in which they are submitted.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Studio:
+    """A process that draws, and the tickets of its images that have not arrived, in order."""
 
-    on_problem: called with a sentence when the process ends early. Later images are then missing.
+    process: SideProcess
+    tickets: deque[int] = field(default_factory=deque)
+
+
+class RemoteStudio:
+    """Takes images in other processes.
+
+    A graphics card needs one process. Without it, one process cannot keep several processors busy, so there are as many
+    as this machine and the images under way can use. They take images by turns. A camera with a detector stays with one
+    process, because a detector may remember earlier images.
+
+    on_problem: called with a sentence when a process ends early. Later images are then missing.
     """
 
     def __init__(self, cameras: Sequence[CameraSpec], on_problem: Callable[[str], object]) -> None:
         CAMERA.require("cameras need")
         self._cameras = {camera.name: camera for camera in cameras}
+        self._fixed = {camera.name: place for place, camera in enumerate(cameras) if camera.detector is not None}
         self._on_problem = on_problem
-        self._process = SideProcess("xitl_cli.plugins.cameras.process", self._lose, END_S)
-        self._submitted: dict[int, Commission] = {}
+        self._studios: list[_Studio] = []
+        self._lost = False
+        self._submitted: dict[int, tuple[Commission, _Studio]] = {}
         self._taken: dict[int, dict[str, Any]] = {}
         """Images that have arrived, by ticket."""
-        self._tickets = self._arrived = 0
+        self._tickets = 0
         self.figures = StudioFigures()
 
     def start(self, models: Mapping[str, TriangleModel], still: Collection[str]) -> None:
-        """Start the process and wait until it can draw. Raises UserError when this machine cannot."""
-        self._process.start()
-        self._process.send(StudioStart(tuple(self._cameras.values()), models, still))
-        reply = self._receive()
-        if reply is None or "problem" in reply:
-            raise UserError(reply["problem"] if reply else "cameras cannot draw: their process ended while it started")
-        self.figures.device = reply["device"]
+        """Start the processes and wait until the first can draw. Raises UserError when this machine cannot."""
+        start = StudioStart(tuple(self._cameras.values()), models, still)
+        first = self._start_one(start)
+        replies: list[dict[str, Any]] = []
+        while not replies and not first.process.gone:
+            replies = first.process.receive(PATIENCE_S)
+        if not replies or "problem" in replies[0]:
+            raise UserError(
+                replies[0]["problem"] if replies else "cameras cannot draw: their process ended while it started"
+            )
+        self.figures.device = replies[0]["device"]
+        if self.figures.device.startswith(SOFTWARE):
+            under_way = sum(int(camera.latency_s * camera.rate_hz) + 1 for camera in self._cameras.values())
+            for _ in range(1, min(under_way, os.cpu_count() or 1, MOST_STUDIOS)):
+                self._start_one(start)
+
+    def _start_one(self, start: StudioStart) -> _Studio:
+        studio = _Studio(SideProcess("xitl_cli.plugins.cameras.process", self._lose, END_S))
+        self._studios.append(studio)
+        studio.process.start()
+        studio.process.send(start)
+        return studio
 
     @property
     def waiting(self) -> int:
@@ -77,51 +111,51 @@ class RemoteStudio:
 
     def add(self, name: str, model: TriangleModel) -> None:
         """Add a model before images that show it."""
-        self._process.send((name, model))
+        for studio in self._studios:
+            studio.process.send((name, model))
 
     def submit(self, commission: Commission) -> int:
         """Ask for an image. Return its ticket; a later image has a larger one."""
         self._tickets += 1
-        self._submitted[self._tickets] = commission
-        self._process.send(commission)
+        turn = self._fixed.get(commission.camera, self._tickets)
+        studio = self._studios[turn % len(self._studios)]
+        self._submitted[self._tickets] = commission, studio
+        studio.tickets.append(self._tickets)
+        studio.process.send(commission)
         return self._tickets
 
     def ready(self, ticket: int) -> bool:
         """Whether an image can be collected without waiting."""
         if ticket not in self._taken:
-            self._keep(self._process.receive())
-        return ticket in self._taken or self._process.gone
+            self._receive(self._submitted[ticket][1])
+        return ticket in self._taken or self._lost
 
     def collect(self, ticket: int, decode: bool) -> CameraImage | None:
-        """Wait for an image and return it; None when the process has ended.
+        """Wait for an image and return it; None when a process has ended.
 
         Raises PluginNodeError when the detector of a package has failed.
 
         decode: also the pixels of JPEG and PNG; otherwise the image has none.
         """
-        while ticket not in self._taken and not self._process.gone:
-            self._keep(self._process.receive(PATIENCE_S))
-        commission, taken = self._submitted.pop(ticket), self._taken.pop(ticket, None)
+        commission, studio = self._submitted[ticket]
+        while ticket not in self._taken and not self._lost:
+            self._receive(studio, PATIENCE_S)
+        del self._submitted[ticket]
+        taken = self._taken.pop(ticket, None)
         return None if taken is None else self._image(taken, commission, decode)
 
     def close(self) -> None:
-        """End the process."""
-        self._process.close()
+        """End the processes."""
+        for studio in self._studios:
+            studio.process.close()
 
-    def _receive(self) -> dict[str, Any] | None:
-        messages: list[Any] = []
-        while not messages and not self._process.gone:
-            messages = self._process.receive(PATIENCE_S)
-        self._keep(messages[1:])
-        return messages[0] if messages else None
-
-    def _keep(self, messages: Sequence[dict[str, Any]]) -> None:
-        for message in messages:
+    def _receive(self, studio: _Studio, timeout_s: float = 0.0) -> None:
+        for message in studio.process.receive(timeout_s):
             if "problem" in message:
                 raise PluginNodeError(message["problem"])
-            self.figures.processor_ms_per_image = message["processor_ms"]
-            self._arrived += 1  # in the order of the tickets
-            self._taken[self._arrived] = message["image"]
+            if "image" in message:  # the first message of a process names its device
+                self.figures.processor_ms_per_image = message["processor_ms"]
+                self._taken[studio.tickets.popleft()] = message["image"]
 
     def _image(self, sent: dict[str, Any], commission: Commission, decode: bool) -> CameraImage:
         camera, view = self._cameras[commission.camera], commission.middle.view
@@ -148,7 +182,9 @@ class RemoteStudio:
         )
 
     def _lose(self, why: str) -> None:
-        self._on_problem(f"the process that draws the images of cameras ended{why}; later images are missing")
+        if not self._lost:
+            self._lost = True
+            self._on_problem(f"a process that draws the images of cameras ended{why}; later images are missing")
 
 
 def _decoded(data: bytes) -> np.ndarray[Any, Any]:
