@@ -72,6 +72,12 @@ class RemoteStudio:
         self._cameras = {camera.name: camera for camera in cameras}
         self._fixed = {camera.name: place for place, camera in enumerate(cameras) if camera.detector is not None}
         self._on_problem = on_problem
+        under_way = sum(int(camera.latency_s * camera.rate_hz) + 1 for camera in cameras)
+        processors = os.cpu_count() or 1
+        self._most = min(under_way, processors, MOST_STUDIOS)
+        # Mesa draws in the process itself if each process has one processor.
+        threads = processors // self._most
+        self._environment = {"LP_NUM_THREADS": str(threads if threads > 1 else 0)}
         self._studios: list[_Studio] = []
         self._lost = False
         self._submitted: dict[int, tuple[Commission, _Studio]] = {}
@@ -93,12 +99,11 @@ class RemoteStudio:
             )
         self.figures.device = replies[0]["device"]
         if self.figures.device.startswith(SOFTWARE):
-            under_way = sum(int(camera.latency_s * camera.rate_hz) + 1 for camera in self._cameras.values())
-            for _ in range(1, min(under_way, os.cpu_count() or 1, MOST_STUDIOS)):
+            for _ in range(1, self._most):
                 self._start_one(start)
 
     def _start_one(self, start: StudioStart) -> _Studio:
-        studio = _Studio(SideProcess("xitl_cli.plugins.cameras.process", self._lose, END_S))
+        studio = _Studio(SideProcess("xitl_cli.plugins.cameras.process", self._lose, END_S, self._environment))
         self._studios.append(studio)
         studio.process.start()
         studio.process.send(start)
