@@ -60,9 +60,8 @@ class _Studio:
 class RemoteStudio:
     """Takes images in other processes.
 
-    A graphics card needs one process. Without it, one process cannot keep several processors busy, so there are as many
-    as this machine and the images under way can use. They take images by turns. A camera with a detector stays with one
-    process, because a detector may remember earlier images.
+    A graphics card needs one process. Without it, one process cannot keep several processors busy, so cameras share as
+    many as this machine can use. All images of a camera are from one process, because a detector may remember them.
 
     on_problem: called with a sentence when a process ends early. Later images are then missing.
     """
@@ -70,11 +69,10 @@ class RemoteStudio:
     def __init__(self, cameras: Sequence[CameraSpec], on_problem: Callable[[str], object]) -> None:
         CAMERA.require("cameras need")
         self._cameras = {camera.name: camera for camera in cameras}
-        self._fixed = {camera.name: place for place, camera in enumerate(cameras) if camera.detector is not None}
+        self._places = {camera.name: place for place, camera in enumerate(cameras)}
         self._on_problem = on_problem
-        under_way = sum(int(camera.latency_s * camera.rate_hz) + 1 for camera in cameras)
         processors = os.cpu_count() or 1
-        self._most = min(under_way, processors, MOST_STUDIOS)
+        self._most = min(len(cameras), processors, MOST_STUDIOS)
         # Mesa draws in the process itself if each process has one processor.
         threads = processors // self._most
         self._environment = {"LP_NUM_THREADS": str(threads if threads > 1 else 0)}
@@ -122,8 +120,7 @@ class RemoteStudio:
     def submit(self, commission: Commission) -> int:
         """Ask for an image. Return its ticket; a later image has a larger one."""
         self._tickets += 1
-        turn = self._fixed.get(commission.camera, self._tickets)
-        studio = self._studios[turn % len(self._studios)]
+        studio = self._studios[self._places[commission.camera] % len(self._studios)]
         self._submitted[self._tickets] = commission, studio
         studio.tickets.append(self._tickets)
         studio.process.send(commission)
