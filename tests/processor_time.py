@@ -14,13 +14,13 @@ from typing import Any
 import pytest
 
 LIMIT_S = 0.1
-"""Of a test of `make test-fast`, with the processes that it started and waited for."""
+"""Most processor time of a test of `make test-fast`, with the processes that it started and waited for."""
 LATER = ("medium", "slow", "realtime")
 _PROPERTY, _OPTION = "processor_s", "--processor-time"
 
 
 def add_option(parser: pytest.Parser) -> None:
-    parser.addoption(_OPTION, action="store_true", help=f"print tests of more than {LIMIT_S:g} s that no mark tells of")
+    parser.addoption(_OPTION, action="store_true", help=f"print the unmarked tests of more than {LIMIT_S:g} s")
 
 
 def register(config: pytest.Config) -> None:
