@@ -30,9 +30,10 @@ if [ ${#missing[@]} -gt 0 ] || [ ${#ros1[@]} -gt 0 ]; then
         chmod 755 "$policy"
     fi
     export DEBIAN_FRONTEND=noninteractive
+    wait=(-o DPkg::Lock::Timeout=300) # for another installation that is under way
     apt-get update -qq
-    [ ${#missing[@]} -eq 0 ] || apt-get install -qq --yes --no-install-recommends "${missing[@]}" > /dev/null
-    [ ${#ros1[@]} -eq 0 ] || apt-get install -qq --yes --no-install-recommends "${ros1[@]}" > /dev/null ||
+    [ ${#missing[@]} -eq 0 ] || apt-get install "${wait[@]}" -qq --yes --no-install-recommends "${missing[@]}" > /dev/null
+    [ ${#ros1[@]} -eq 0 ] || apt-get install "${wait[@]}" -qq --yes --no-install-recommends "${ros1[@]}" > /dev/null ||
         echo "no ROS 1 here, so that its tests skip" >&2
 fi
 [ "$(id -u)" -ne 0 ] || mkdir -p /run/sshd # where a server of root's own separates privileges
