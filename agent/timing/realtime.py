@@ -9,8 +9,8 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import NamedTuple
 
 DEFAULT_PRIORITY = 50
@@ -54,8 +54,7 @@ def schedule(priority: int) -> str:
     if not hasattr(os, "sched_setscheduler"):
         return "no SCHED_FIFO: this system does not offer it; real-time scheduling needs Linux"
     try:
-        for thread in _threads():
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
+        _for_all_threads(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority)))
     except OSError as error:
         return (
             f"no SCHED_FIFO at priority {priority} ({error.strerror}); start as root or allow it by LimitRTPRIO in the "
@@ -68,8 +67,7 @@ def unschedule() -> None:
     """Schedule every thread of this process in the ordinary way again."""
     if not hasattr(os, "sched_setscheduler"):
         return
-    for thread in _threads():
-        os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
+    _for_all_threads(lambda thread: os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0)))
 
 
 @contextmanager
@@ -122,12 +120,15 @@ def _may_lock_all() -> bool:
         return os.geteuid() == 0
 
 
-def _threads() -> list[int]:
-    """Threads of this process; 0 for the calling one if the system does not list them."""
+def _for_all_threads(change: Callable[[int], None]) -> None:
+    """Call `change` with each thread of this process; with 0, the calling one, if the system does not list them."""
     try:
-        return [int(name) for name in os.listdir("/proc/self/task")]  # noqa: PTH208  names are all that is wanted
+        threads = [int(name) for name in os.listdir("/proc/self/task")]  # noqa: PTH208  names are all that is wanted
     except OSError:
-        return [0]
+        threads = [0]
+    for thread in threads:
+        with suppress(ProcessLookupError):  # it ended after it was listed
+            change(thread)
 
 
 def pin(cpus: Sequence[int]) -> str:
@@ -136,14 +137,12 @@ def pin(cpus: Sequence[int]) -> str:
         return "not pinned: this system does not offer it; CPU affinity needs Linux"
     before = os.sched_getaffinity(0)
     try:
-        for thread in _threads():
-            os.sched_setaffinity(thread, cpus)
+        _for_all_threads(lambda thread: os.sched_setaffinity(thread, cpus))
         missing = sorted(set(cpus) - os.sched_getaffinity(0))
     except (OSError, ValueError, OverflowError):
         missing = sorted(set(cpus) - before)
     if not missing:
         return ""
-    for thread in _threads():
-        os.sched_setaffinity(thread, before)
+    _for_all_threads(lambda thread: os.sched_setaffinity(thread, before))
     wanted, available = (", ".join(map(str, some)) for some in (missing, sorted(before)))
     return f"not pinned: processor {wanted} is not available; use one of {available}"

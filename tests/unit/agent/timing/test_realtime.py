@@ -8,6 +8,7 @@ import os
 import resource
 import subprocess
 import sys
+import threading
 from types import SimpleNamespace
 from typing import Any
 
@@ -107,6 +108,17 @@ told = [int(child.stdout), os.sched_getscheduler(0), os.sched_getparam(0).sched_
 """
     )
     assert told == [os.SCHED_OTHER, os.SCHED_FIFO, 7]
+
+
+def test_a_thread_that_ends_meanwhile_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = threading.Thread(target=lambda: None)
+    ended.start()
+    ended.join()
+    assert ended.native_id is not None
+    listed = [str(ended.native_id), str(threading.get_native_id())]
+    monkeypatch.setattr(os, "listdir", lambda _: listed)
+    realtime.unschedule()
+    assert realtime.pin(sorted(os.sched_getaffinity(0))) == ""
 
 
 def test_nothing_asked_nothing_said() -> None:
