@@ -12,9 +12,10 @@ BIN := $(VENV)/bin
 PIP_INSTALL = $(BIN)/python -m pip --quiet install --disable-pip-version-check --no-input -c constraints.txt
 # Many tests wait for processes that they started, of the slow ones most; a worker costs some seconds to begin.
 SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN)))
+SIDE_BY_SIDE := -n auto --dist loadscope --no-loadscope-reorder
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-medium test-slow test-realtime checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
+.PHONY: run package test test-fast test-medium test-slow test-realtime test-nightly checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -57,6 +58,7 @@ test:  ## all tests, one stage after the other
 	$(MAKE) test-medium
 	$(MAKE) test-slow
 	$(MAKE) test-realtime
+	$(MAKE) test-nightly
 
 test-fast: $(VENV)/.dev  ## the tests to run all day: up to 0.1 s of processor time each (PYTEST=arguments)
 	$(FAST_WORKERS) $(BIN)/python -m pytest -m "not medium and not slow and not realtime" -n auto $(PYTEST)
@@ -65,10 +67,14 @@ test-medium: $(VENV)/.dev  ## those that take up to 2 s of processor time each
 	$(FAST_WORKERS) $(BIN)/python -m pytest -m "medium and not slow and not realtime" -n auto
 
 test-slow: $(VENV)/.dev  ## those that take or wait for seconds, beside each other
-	$(SLOW_WORKERS) $(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadscope --no-loadscope-reorder
+	$(SLOW_WORKERS) $(BIN)/python -m pytest -m "slow and not realtime and not nightly" $(SIDE_BY_SIDE)
 
 test-realtime: $(VENV)/.dev  ## those that keep up with a board, with nodes of ROS or with the clock, one at a time and alone
-	$(BIN)/python -m pytest -m realtime
+	$(BIN)/python -m pytest -m "realtime and not nightly"
+
+test-nightly: $(VENV)/.dev  ## those that .ci/run leaves out: more seeds, pages, kills, platforms and an emulated board
+	$(SLOW_WORKERS) $(BIN)/python -m pytest -m "nightly and not realtime" $(SIDE_BY_SIDE)
+	$(BIN)/python -m pytest -m "nightly and realtime"
 
 checks: lint types check-dialect docs wheel  ## everything else that has to pass
 

@@ -56,7 +56,7 @@ LONGEST_FIRST = (
     "test_fleet_mix.py",
 )
 RANKS = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
-KINDS = processor_time.LATER
+KINDS = (*processor_time.LATER, "nightly")
 ALL_ARE = r"(?m)^pytestmark = (?:\[[^]]*)?pytest\.mark\.%s\b"
 TESTS = re.compile(r"(?m)((?:^@.*\n(?:^[ \])}].*\n)*)*)^(?:(?:async )?def test_|class Test|Test\w+ = )")
 """Each test of a file. The group has its decorators."""

@@ -72,6 +72,7 @@ def truth(recording: Path) -> tuple[list[int], list[tuple[float, float, float]]]
     return stamps, positions
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_lockstep_run_on_armv7_is_the_run_on_this_machine(
     arm: Run, xitl: Xitl, tmp_path: Path, free_port: int, record_property: Callable[[str, object], None]
@@ -114,6 +115,7 @@ def test_a_lockstep_run_on_armv7_is_the_run_on_this_machine(
     assert {"FMT", "PM", "IMU", "ATT"} <= kinds
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_companion_with_debians_numpy_sees_on_armv7_what_it_sees_on_this_machine(
     arm: Run, xitl: Xitl, tmp_path: Path, free_port: int, request: pytest.FixtureRequest

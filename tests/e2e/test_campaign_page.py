@@ -64,6 +64,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         browser.close()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("width", [1440, 1280, 1024, 800, 390])
 def test_every_column_of_every_table_can_be_reached(page: Any, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 844})

@@ -149,6 +149,7 @@ def test_a_plan_from_the_command_line(undisturbed: list[dict[str, Any]]) -> None
     assert rows_in("out") == RUNS
 
 
+@pytest.mark.nightly
 def test_a_client_that_is_killed_is_resumed_and_leaves_no_run(
     undisturbed: list[dict[str, Any]], tmp_path: Path
 ) -> None:
@@ -172,6 +173,7 @@ def killed(process: int) -> bool:
     return True
 
 
+@pytest.mark.nightly
 def test_workers_and_runs_that_are_killed_change_nothing(undisturbed: list[dict[str, Any]], tmp_path: Path) -> None:
     with begun(command("plan.yaml", "--workers", "2", "--out", "out")) as client:
         wait_for(lambda: rows_in("out") >= 1 and runs_in(tmp_path))
@@ -185,6 +187,7 @@ def test_workers_and_runs_that_are_killed_change_nothing(undisturbed: list[dict[
     assert sum(row["attempts"] - 1 for row in ResultTable.read(Path("out")).rows) >= 1
 
 
+@pytest.mark.nightly
 def test_an_interrupted_one_ends_cleanly_and_goes_on(undisturbed: list[dict[str, Any]], tmp_path: Path) -> None:
     with begun(command("plan.yaml", "--workers", "2")) as client:
         folder = str(wait_for(lambda: [path.parent for path in Path("runs").glob(f"plan-*/{CAMPAIGN}")])[0])
@@ -217,6 +220,7 @@ def controllers(folder: Path) -> dict[str, dict[str, Any]]:
     return {row["autopilot.controller"].split("/")[-1]: row for row in ResultTable.read(folder).rows}
 
 
+@pytest.mark.nightly
 def test_what_hangs_is_ended_and_tried_again(tmp_path: Path) -> None:
     """The other is there for the first run, which is tried before. Whether it makes its 4 s is the machine's affair."""
     Path("good.py").write_text(GOOD, encoding="utf-8")
@@ -260,6 +264,7 @@ def test_what_misbehaves_is_told_as_what_it_is(tmp_path: Path) -> None:
     assert runs_in(tmp_path) == []
 
 
+@pytest.mark.nightly
 def test_runs_of_one_worker_are_those_of_fresh_processes(tmp_path: Path) -> None:
     """Different profiles and seeds after one another, some of them again: nothing remains from one run to the next."""
     plan = (
@@ -295,6 +300,7 @@ def scheduler(
             yield process, address
 
 
+@pytest.mark.nightly
 def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]]) -> None:
     with scheduler() as (process, address):
         with begun(command("plan.yaml", "--on", address, "--out", "out")) as client:
@@ -313,6 +319,7 @@ def test_a_scheduler_that_is_killed_is_survived(undisturbed: list[dict[str, Any]
     assert compared("out") == undisturbed
 
 
+@pytest.mark.nightly
 def test_a_cluster_with_tls_runs_a_plan(undisturbed: list[dict[str, Any]]) -> None:
     security = distributed.Security.temporary()
     Path("cert.pem").write_text(security.tls_client_cert)
@@ -329,6 +336,7 @@ def test_files_of_tls_without_a_scheduler_are_refused() -> None:
     assert "--tls-ca-file, --tls-cert and --tls-key apply to --on only" in " ".join(told.split())
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("ip") is None, reason="network namespaces are made by root with ip"
 )

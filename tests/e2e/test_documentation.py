@@ -39,6 +39,20 @@ from tests.forked_xitl import run_xitl
 from tests.recorded import CALM, GUST
 from tests.recorded_run import FOLDER, recorded_run
 
+LONG_PAGES = (
+    "docs/boards.md",
+    "docs/campaigns.md",
+    "docs/controller.md",
+    "docs/features.md",
+    "docs/fleets.md",
+    "docs/learning.md",
+    "docs/logs.md",
+    "docs/own-profile.md",
+    "docs/paper.md",
+    "docs/recording.md",
+    "docs/ros.md",
+)
+"""Their commands take more than ten seconds of an idle machine."""
 PARSED_ONLY = ("pip", "git", "cd", "make", "ip", "mavproxy.py", "ardurover")
 RUN_S, ENOUGH_S = 1, 300.0
 END_OF_BLOCK = "that was a block"
@@ -152,7 +166,9 @@ class Reader:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=[pytest.mark.nightly] if page in LONG_PAGES else []) for page in PAGES]
+)
 def test_what_a_page_has_typed_works(page: str, tmp_path: Path) -> None:
     """A reader has a run from before, in runs/x."""
     directory = tmp_path / "here"

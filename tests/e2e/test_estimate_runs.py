@@ -42,6 +42,7 @@ def squares(run: xitl.Result) -> list[float]:
         return found
 
 
+@pytest.mark.nightly
 def test_positions_err_as_much_as_the_recorded_covariance_says(runs: list[xitl.Result]) -> None:
     sums = np.sum([squares(run) for run in runs], axis=0)
     assert ((sums > CHI2_16[0]) & (sums < CHI2_16[1])).all(), sums / len(runs)

@@ -136,6 +136,7 @@ def test_a_follower_keeps_its_place_and_ends_with_its_leader(tmp_path: Path) -> 
     assert leader["moored_s"] > 5.0
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_leader_that_falls_silent_and_one_that_stops_are_not_run_down(tmp_path: Path) -> None:
     """Silent for 7 s while it goes on, then a stop from full speed, drifting toward its follower in the current."""

@@ -130,6 +130,7 @@ def seconds(page: Any) -> float:
     return float(told(page, "time").split()[0])
 
 
+@pytest.mark.nightly
 def test_a_browser_sees_the_vessel_move_by_day_and_by_night(started: Callable[..., Viewed], browser: Any) -> None:
     run = started("sitl", "--pace", "0.5", "--set", "view.rate_hz=5", "--view")  # on its way for a slow browser, too
     page = unhurried(browser.new_page(viewport={"width": 960, "height": 540}))
@@ -164,6 +165,7 @@ def test_a_browser_sees_the_vessel_move_by_day_and_by_night(started: Callable[..
     assert view["shown"] > 5
 
 
+@pytest.mark.nightly
 def test_a_pause_stays_when_the_last_browser_closes(started: Callable[..., Viewed], browser: Any) -> None:
     run = started("sitl", "--pace", "0.5", "--set", "view.rate_hz=5", "--view")
 

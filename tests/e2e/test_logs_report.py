@@ -265,6 +265,7 @@ document.head.append(made);
 </script></body></html>"""
 
 
+@pytest.mark.nightly
 def test_the_replay_plays_in_a_frame_and_keeps_step_with_the_page(browser: Any, tmp_path: Path) -> None:
     """Its scripts, and those that they make, run under the page's policy; hostile text of a log still does not."""
     path = tmp_path / "replay.html"

@@ -148,6 +148,7 @@ def test_a_mission_over_the_cable(cable: Cable, agent: subprocess.Popen[str], tm
     assert list((tmp_path / "logs").glob("*.BIN"))
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_cable_that_is_out_for_five_seconds(cable: Cable, agent: subprocess.Popen[str], tmp_path: Path) -> None:
     """The interface goes down in earnest: the host's sends fail, and the run goes on when it is back."""

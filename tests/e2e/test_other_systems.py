@@ -141,6 +141,7 @@ def test_a_recording_is_served_until_ctrl_c(there: tuple[str, Path]) -> None:
         assert served.wait(60) == 0
 
 
+@pytest.mark.nightly
 def test_a_campaign_is_carried_out(there: tuple[str, Path]) -> None:
     platform, folder = there
     (folder / "plan.yaml").write_text(PLAN, encoding="utf-8")

@@ -31,6 +31,7 @@ def bridge_of(run: int) -> int:
     return bridge
 
 
+@pytest.mark.nightly
 def test_a_bridge_that_hangs_and_is_killed_holds_nothing_up(tmp_path: Path) -> None:
     log = tmp_path / "said.txt"
     with log.open("w") as told:

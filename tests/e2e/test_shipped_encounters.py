@@ -9,6 +9,7 @@ import xitl
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("profile", "rule", "gives_way", "nearest_m"),
     [

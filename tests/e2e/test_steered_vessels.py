@@ -44,6 +44,7 @@ VESSELS = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", VESSELS)
 def test_it_sails_a_mission_in_current_and_waves(name: str, tmp_path: Path) -> None:
     """Within a boat's length of the legs, turns at the corners among it, by what it steers with."""

@@ -56,6 +56,7 @@ def share_changed(before: np.ndarray, after: np.ndarray) -> float:
     return float((np.abs(after - before).max(axis=2) > 30.0).mean())
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 @needs_chromium
 def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:

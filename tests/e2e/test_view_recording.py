@@ -105,6 +105,7 @@ def test_a_page_from_the_disk_plays_and_goes_where_it_is_told(browser: Any, run:
     assert wrong == []
 
 
+@pytest.mark.nightly
 def test_a_served_recording_stands_plays_and_jumps(browser: Any, run: Path) -> None:
     command = [sys.executable, "-m", "xitl_cli.main", "view", str(run), "--at", "12", "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:

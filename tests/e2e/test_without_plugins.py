@@ -45,6 +45,7 @@ def xitl(tree: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return python(tree, "-m", "xitl_cli.main", *words)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("plugin", PLUGINS)
 def test_a_run_does_without_a_plug_in(tree: Path, plugin: str) -> None:
     shutil.rmtree(tree / "xitl_cli/plugins" / plugin)

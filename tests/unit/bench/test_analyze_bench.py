@@ -140,6 +140,7 @@ def test_a_page_without_a_place_is_refused() -> None:
         analyze.with_tables("# Page\n", "x")
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_the_benchmark_names_the_cause_of_a_simulated_fault(tmp_path: Path) -> None:
     only = [word for name in ("barometer-step", "gnss-loss", "blueboat") for word in ("--only", name)]

@@ -218,6 +218,7 @@ def test_sizes_are_full_unless_tiny_ones_are_asked_for() -> None:
         use_tiny_sizes(False)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",

@@ -160,6 +160,7 @@ def run_findings(folder: Path, extends: str, fault: str, *overrides: str) -> lis
     return [] if section is None else list(section.findings)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_lost_thrust_of_a_run_is_named_with_propeller_onset_end_and_share(tmp_path: Path) -> None:
     (found,) = run_findings(tmp_path, "[sitl, vehicles/heron]", "which: starboard, thrust_loss: 0.5", "clock.seed=402")
@@ -171,6 +172,7 @@ def test_lost_thrust_of_a_run_is_named_with_propeller_onset_end_and_share(tmp_pa
     assert float(evidence.value or 0) == pytest.approx(0.5, abs=0.2)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_run_without_a_fault_has_none(tmp_path: Path) -> None:
     assert run_findings(tmp_path, "[sitl, vehicles/heron]", "", "clock.seed=403") == []

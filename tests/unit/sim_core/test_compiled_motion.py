@@ -216,6 +216,7 @@ def sailed(
     return state
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.parametrize(("sea", "most_m"), [("flat", 1e-6), ("random", 1e-4)])
 def test_a_long_way_ends_at_the_same_place(sea: str, most_m: float) -> None:

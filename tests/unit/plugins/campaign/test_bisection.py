@@ -88,6 +88,7 @@ SHAPES: dict[str, tuple[PassRate, float]] = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_interval_holds_the_boundary_as_often_as_it_says(shape: str) -> None:

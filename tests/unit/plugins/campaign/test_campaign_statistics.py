@@ -137,6 +137,7 @@ def test_runs_that_copy_each_other_within_a_cluster_count_once() -> None:
     assert p_values == pytest.approx([2 / 2**5] * 2)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_campaigns_with_correlated_pairs_are_covered_as_often_as_stated() -> None:
     """1000 campaigns of 10 seeds at 6 values of an axis, with an effect of the seed on all its runs."""

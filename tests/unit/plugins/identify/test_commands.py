@@ -129,6 +129,7 @@ def test_a_file_of_the_vehicle_and_a_page(
     assert "mine.yaml exists" in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_ship_with_revolutions_rudder_and_wind_in_its_table(
     tmp_path: Path, columns: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -63,6 +63,7 @@ def test_long_windows_are_thinned() -> None:
         assert counts == pytest.approx(wanted, abs=1), length_s
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_standard_errors_cover_the_truth() -> None:
     true, inside, count = boat(), 0, 0

@@ -64,6 +64,7 @@ def test_training_and_controller_allocate_alike() -> None:
     assert training.commands(*demands.T) == pytest.approx(np.array(wanted), abs=1e-9)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_training_improves_the_network(copied: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """A small one: fewer networks, boats and seconds."""

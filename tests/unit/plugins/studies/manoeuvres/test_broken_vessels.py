@@ -166,6 +166,7 @@ def named(model: VesselSpec) -> tuple[set[tuple[str, str]], str]:
         return set(), str(error)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "change", "key"),
