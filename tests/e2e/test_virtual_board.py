@@ -26,7 +26,7 @@ from xitl_cli.plugins.board.network import check_network
 from xitl_cli.plugins.board.places import NAMESPACE, EmulatedBoard, the_board
 from xitl_cli.plugins.board.tools import FOR_MAKING, find_program
 
-pytestmark = [pytest.mark.realtime, pytest.mark.board]
+pytestmark = [pytest.mark.realtime, pytest.mark.board, pytest.mark.nightly]
 
 LIMIT_S = 600.0  # for what is sure to come, on whatever machine
 PRIORITY = 50
