@@ -229,6 +229,13 @@ def test_a_missing_log_is_refused() -> None:
         open_boat("nix.tlog")
 
 
+def test_a_dataflash_log_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "autopilot.bin"
+    path.write_bytes(b"\xa3\x95\x80\x80\x59FMT\0" + bytes(80))
+    with pytest.raises(UserError, match=r"is a DataFlash log, which contains no MAVLink; give the telemetry log"):
+        open_boat(str(path))
+
+
 class SilentBoat:
     """A boat that falls silent."""
 

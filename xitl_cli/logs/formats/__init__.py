@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from xitl_cli.logs.model.log import Log
 
 _LOOKED_AT_BYTES = 64 << 10
-_DATAFLASH_START = b"\xa3\x95"
+DATAFLASH_START = b"\xa3\x95"
 _DATAFLASH_OWN_FORMAT = b"\xa3\x95\x80\x80\x59FMT\0"
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 _ROS1_BAG_MAGIC = b"#ROSBAG V"
@@ -77,7 +77,7 @@ def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
             from xitl_cli.logs.formats.ulog.file import UlogLog
 
             return UlogLog(path)
-        if head.startswith(_DATAFLASH_START):
+        if head.startswith(DATAFLASH_START):
             return _dataflash(path)
         for magic, description in _OTHERS:
             if head.startswith(magic):

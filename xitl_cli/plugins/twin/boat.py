@@ -23,6 +23,7 @@ from agent.wire.transport import TransportError, open_transport
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
+from xitl_cli.logs.formats import DATAFLASH_START
 
 INTERVAL_S = 1.0
 WAIT_S = 10.0
@@ -112,13 +113,18 @@ class LogFrames:
     """Frames of a telemetry log (`.tlog`). The framer skips the time stamps between them."""
 
     def __init__(self, path: Path) -> None:
-        """Raises UserError if the file cannot be read."""
+        """Raises UserError if the file cannot be read, or is a DataFlash log."""
         self.name = str(path)
         self.now_s = 0.0
         try:
             self._data = read_bytes(path, MOST_BYTES)
         except OSError as error:
             raise UserError(f"--boat {path}: cannot be read ({error.strerror}); check the path") from None
+        if self._data.startswith(DATAFLASH_START):
+            raise UserError(
+                f"--boat {path}: is a DataFlash log, which contains no MAVLink; give the telemetry log (.tlog) of a "
+                "ground station"
+            )
 
     def batches(self) -> Iterator[list[bytes]]:
         """Yield the frames."""
