@@ -59,6 +59,21 @@ def test_the_slow_error_of_a_good_receiver_is_no_drift() -> None:
     assert gnss_drifts(receiver(0.0)) == []
 
 
+@pytest.mark.medium
+def test_the_random_error_of_reflected_signals_is_no_drift() -> None:
+    """An error of 5 m that changes over 8 s strays by a metre a second for up to 15 s."""
+    rng = np.random.default_rng(1)
+    good = receiver(0.0)
+    share = math.exp(-0.2 / 8.0)
+    for _ in range(3):
+        error_m = np.zeros((600, 3))
+        for row in range(1, 600):
+            error_m[row, :2] = share * error_m[row - 1, :2] + 5.0 * math.sqrt(1.0 - share**2) * rng.normal(size=2)
+        off_deg = np.degrees(error_m / 6.371e6)
+        reflected = replace(good, lat_deg=good.lat_deg + off_deg[:, 0], lon_deg=good.lon_deg + off_deg[:, 1])
+        assert gnss_drifts(reflected) == []
+
+
 @pytest.mark.parametrize("gap_s", [2.0, 4.0, 20.0])
 def test_a_gap_in_which_the_boat_turns_is_no_drift(gap_s: float) -> None:
     """Its way across the gap is 2.5 m off the mean of the velocities before and after."""
@@ -129,3 +144,29 @@ def test_a_resistance_that_grows_is_a_sag_by_what_it_takes_at_the_current_then()
 
 def test_a_battery_that_only_empties_under_changing_currents_does_not_sag() -> None:
     assert battery_sags(*battery(0.0)) == []
+
+
+def test_a_voltage_that_falls_under_a_steady_command_is_a_sag() -> None:
+    """The motors then draw less, in proportion to the voltage: a current that falls does not explain a fall."""
+    rng = np.random.default_rng(3)
+    time_s = np.arange(600) * 0.1
+    after = time_s >= 30.0
+    current_a = (16.0 - 6.0 * after) / 1.5 * (1.0 + 0.002 * rng.normal(size=600))
+    voltage_v = 16.0 - 6.0 * after - 0.05 * current_a + 0.02 * rng.normal(size=600)
+    (sag,) = battery_sags((time_s * S).astype(np.int64), voltage_v, current_a)
+    assert sag.from_ns / S == pytest.approx(30.0, abs=0.3)
+    assert sag.drop_v == pytest.approx(6.0, abs=0.5)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("row", range(300, 305))
+def test_a_sag_is_found_at_each_row(row: int) -> None:
+    """The current rises after it, as in a turn, and explains a part of the step."""
+    rng = np.random.default_rng(row)
+    time_s = np.arange(600) * 0.1
+    after = np.arange(600) >= row
+    current_a = 20.0 + 5.0 * np.sin(2.0 * time_s) + 40.0 * np.clip((time_s - time_s[row]) / 2.0, 0.0, 1.0)
+    voltage_v = 58.7 - 0.03 * current_a - 5.0 * after + 0.02 * rng.normal(size=600)
+    (sag,) = battery_sags((time_s * S).astype(np.int64), voltage_v, current_a)
+    assert sag.from_ns / S == pytest.approx(time_s[row], abs=0.15)
+    assert sag.drop_v == pytest.approx(5.0, rel=0.05)

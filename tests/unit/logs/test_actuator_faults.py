@@ -16,6 +16,7 @@ from xitl_cli.plugins.logs.analyses.actuation import analyse
 from xitl_cli.plugins.logs.analyses.actuator_faults import RATE_HZ, VesselMotion, actuator_faults, unanswered_turns
 
 S = 1_000_000_000
+DATA = Path(__file__).parents[2] / "data"
 END_S, FROM_S, UNTIL_S = 160.0, 60.0, 95.0
 SUBSTEPS = 10
 Act = Callable[[float, Sequence[float]], Sequence[float]]
@@ -141,6 +142,25 @@ def test_a_propeller_that_is_stuck_at_its_command_has_an_uncertain_onset() -> No
     (fault,) = actuator_faults(calm)
     earliest_ns, latest_ns = fault.began_ns or (fault.from_ns, fault.from_ns)
     assert earliest_ns - 2.5 * S <= FROM_S * S <= latest_ns + 2.5 * S
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("recorded", "steers", "output", "at_s"),
+    [("stuck-propeller", [False, False], 1, 27.0), ("jammed-steering", [True, False], 0, 26.8)],
+)
+def test_an_actuator_that_kept_its_command_is_stuck(
+    recorded: str, steers: list[bool], output: int, at_s: float
+) -> None:
+    """Lost thrust, or a reversed propeller, explains the motion nearly as well, but with a size that is no accident.
+
+    From simulated runs; the commands are at the ends of their ranges during most of the fault.
+    """
+    rows = np.loadtxt(DATA / "motions" / f"{recorded}.csv", delimiter=",", skiprows=1)
+    stamp_ns = np.round((rows[:, 0] + 11.1) * S).astype(np.int64)
+    (fault,) = actuator_faults(VesselMotion(stamp_ns, *rows.T[1:5], rows[:, 5:], np.array(steers)))
+    assert (fault.kind, fault.output) == ("stuck", output)
+    assert fault.from_ns / S == pytest.approx(at_s, abs=1.0)
 
 
 @pytest.mark.medium

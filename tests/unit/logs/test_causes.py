@@ -59,6 +59,26 @@ def test_a_stuck_sensor_explains_an_attitude_that_only_the_estimate_has() -> Non
     assert shape(group_findings(Report((log(stuck, doubtful),)))) == [("sensors.stuck", ["attitude.doubtful"])]
 
 
+def test_an_error_against_the_truth_causes_nothing() -> None:
+    error = finding("estimator.position_error", 16.7, severity=NOTICE)
+    step, yaw = finding("sensors.field_step", (23.2, 43.2)), finding("estimator.yaw_error", 27.0)
+    groups = shape(group_findings(Report((log(error, step, yaw),))))
+    assert groups == [("sensors.field_step", ["estimator.yaw_error"]), ("estimator.position_error", [])]
+
+
+def test_a_receiver_with_a_poor_accuracy_explains_errors_of_the_position_at_any_time() -> None:
+    poor, error = finding("gnss.poor", (0.0, 100.0), severity=NOTICE), finding("estimator.position_error", 70.0)
+    lost = finding("actuation.thrust_loss", (70.0, 90.0))
+    groups = shape(group_findings(Report((log(poor), log(error, lost, name="two.mcap")))))
+    assert groups == [("gnss.poor", ["estimator.position_error"]), ("actuation.thrust_loss", [])]
+
+
+def test_a_turn_against_the_commands_follows_from_a_stuck_actuator_of_another_file() -> None:
+    stuck, turn = finding("actuation.stuck", (27.6, 48.4)), finding("actuation.unanswered", (38.5, 48.7))
+    groups = shape(group_findings(Report((log(turn), log(stuck, name="two.bin")))))
+    assert groups == [("actuation.stuck", ["actuation.unanswered"])]
+
+
 def test_a_cut_link_is_one_finding() -> None:
     (group,) = group_findings(Report((log(*CUT[:8]),)))
     assert group.cause.finding.key == "faults.injected"

@@ -32,6 +32,8 @@ class CauseRule:
     causes: tuple[str, ...]
     consequences: tuple[str, ...]
     after_s: float
+    to_its_end: bool = False
+    """Whether a state explains findings as long as it lasts."""
 
 
 WHOLE_LOG = math.inf
@@ -63,6 +65,8 @@ _HIT = (
 )  # fmt: skip
 _MISJUDGED = ("attitude.overturned", "attitude.leaning", "attitude.rolling", "attitude.doubtful")
 """Findings on the estimated attitude, which inertial sensors determine."""
+_MEASURES = ("estimator.position_error", "estimator.yaw_error")
+"""Errors against the truth, at the instant of the largest: they measure consequences and cause nothing."""
 _SILENT = ("links.silence", "links.sequence_loss", "links.loss", "radio.failsafe", "radio.none")
 
 CAUSES = (
@@ -125,6 +129,12 @@ CAUSES = (
         30.0,
     ),
     CauseRule(
+        ("gnss.poor",),
+        ("estimator.position_error", "estimator.position_step", "actuation.gnss_drift"),
+        0.0,
+        to_its_end=True,
+    ),
+    CauseRule(
         ("sensors.gap", "sensors.stuck", "sensors.stopped_together", "sensors.unhealthy", "sensors.errors",
          "sensors.slow", "sensors.missing", "sensors.saturated", "sensors.compasses_disagree", "sensors.field_changes"),
         ("sensors", "gnss.silent", "events.error.3", "events.error.18", "events.error.26", "events.said.sensor",
@@ -136,6 +146,11 @@ CAUSES = (
         ("sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", "sensors.disagree", "gnss",
          "control", "radio.saturated", "radio.too_slow", *_MISJUDGED, *_DRIVEN, *_EKF, *_ACTED),
         30.0,
+    ),
+    CauseRule(
+        ("actuation.thrust_loss", "actuation.reversed", "actuation.stuck"),
+        ("actuation.unanswered",),
+        15.0,
     ),
     CauseRule(
         _DRIVEN,
@@ -242,14 +257,14 @@ class _Placed:
         longest_s = max((end - begin for begin, end in self.spans), default=math.inf)
         return longest_s > self.event_s and not self.intended
 
-    def explains_until_s(self, span: tuple[float, float], reach_s: float) -> float:
+    def explains_until_s(self, span: tuple[float, float], reach_s: float, to_its_end: bool) -> float:
         """Latest beginning (s) of a consequence of this spell.
 
         A state explains findings that begin soon after its own beginning. If it holds from the start of the log, its
         beginning is unknown, and only the reach of the rule counts.
         """
         begin_s, end_s = span
-        if end_s - begin_s <= self.event_s or self.intended:
+        if end_s - begin_s <= self.event_s or self.intended or to_its_end:
             return end_s + reach_s
         seen = begin_s > self.start_s + _AT_START_S
         return begin_s + max(reach_s, _STATE_REACH_S if seen else 0.0)
@@ -311,10 +326,13 @@ def _cause(effect: _Placed, every: Sequence[_Placed]) -> int | None:
 
 
 @lru_cache(4096)  # a log with hundreds of findings has few kinds of them
-def _reach_s(cause_key: str, key: str) -> float | None:
-    """Time in which a finding of one kind can cause one of another, by the rule that allows most; None if none does."""
-    allowed = (rule for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences))
-    return max((rule.after_s for rule in allowed), default=None)
+def _reach(cause_key: str, key: str) -> tuple[float, bool] | None:
+    """Time in which a finding of one kind can cause one of another, by the rule that allows most, and whether a state
+    does to its end; None if no rule allows it."""
+    allowed = [rule for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
+    if not allowed or is_kind(cause_key, _MEASURES):
+        return None
+    return max(rule.after_s for rule in allowed), any(rule.to_its_end for rule in allowed)
 
 
 def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | None:
@@ -325,9 +343,10 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
     key, cause_key = effect.found.finding.key, cause.found.finding.key
     if key in _ANSWERS and not is_kind(cause_key, _ANSWERS[key]):
         return None
-    reach_s = _reach_s(cause_key, key)
-    if reach_s is None:
+    reach = _reach(cause_key, key)
+    if reach is None:
         return None
+    reach_s, to_its_end = reach
     if reach_s == WHOLE_LOG:
         return (-math.inf, math.inf) if effect.file == cause.file else None
     if not effect.spans:
@@ -337,7 +356,7 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
             (
                 span
                 for span in cause.spans
-                if span[0] - effect.together_s <= at <= cause.explains_until_s(span, reach_s)
+                if span[0] - effect.together_s <= at <= cause.explains_until_s(span, reach_s, to_its_end)
             ),
             None,
         )

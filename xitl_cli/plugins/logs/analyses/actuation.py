@@ -21,6 +21,9 @@ from xitl_cli.plugins.logs.analyses.power import batteries
 DROP_SHARE = 0.015
 """Least fall of the voltage that exceeds noise, as share of its median."""
 BATTERY_WINDOW_S = 8.0
+_COARSE_SHARE, _FINE_SHARE = 0.5, 0.25
+"""Most share of the squared residual that a step leaves, near its instant and at it: the rows between the two are on
+the wrong side of the step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,30 +101,36 @@ def battery_sags(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> list
     half = max(round(BATTERY_WINDOW_S / max(period_s, 1e-3)), 5)
     drop_v = np.zeros(len(time_s))
     for at in range(half, len(time_s) - half, max(round(0.5 / max(period_s, 1e-3)), 1)):
-        drop_v[at] = _drop_v(time_s, voltage_v, current_a, at, half, least_v)
+        size_v, share = _step(time_s, voltage_v, current_a, at, half)
+        drop_v[at] = size_v if share < _COARSE_SHARE else 0.0
     found: list[BatterySag] = []
     while drop_v.max() > least_v:
         coarse = int(np.argmax(drop_v))
-        fine = range(max(coarse - half // 8, half), min(coarse + half // 8 + 1, len(time_s) - half))
-        exact = [_drop_v(time_s, voltage_v, current_a, at, half, least_v) for at in fine]
-        at = fine[int(np.argmax(exact))]
-        found.append(BatterySag(int(stamp_ns[at]), int(stamp_ns[-1]), float(max(exact))))
-        drop_v[max(at - 2 * half, 0) : at + 2 * half] = 0.0
+        near = range(max(coarse - half // 4, half), min(coarse + half // 4 + 1, len(time_s) - half))
+        steps = [(*_step(time_s, voltage_v, current_a, at, half), at) for at in near]
+        size_v, share, at = min(steps, key=lambda step: step[1])
+        if share < _FINE_SHARE and size_v > least_v:
+            found.append(BatterySag(int(stamp_ns[at]), int(stamp_ns[-1]), size_v))
+            drop_v[max(at - 2 * half, 0) : at + 2 * half] = 0.0
+        else:
+            drop_v[near.start : near.stop] = 0.0
     return sorted(found, key=lambda each: each.from_ns)
 
 
-def _drop_v(time_s: Floats, voltage_v: Floats, current_a: Floats, at: int, half: int, least_v: float) -> float:
-    """Fall of the voltage at row `at`; 0 unless a step explains at least three quarters of the residual without it."""
+def _step(time_s: Floats, voltage_v: Floats, current_a: Floats, at: int, half: int) -> tuple[float, float]:
+    """Fall of the voltage at row `at`, 0 in the noise, and the share of the squared residual that this step leaves."""
     rows = slice(at - half, at + half)
     after = (np.arange(at - half, at + half) >= at).astype(np.float64)
     current, voltage = current_a[rows], voltage_v[rows]
     plain = np.stack([np.ones(2 * half), time_s[rows] - time_s[at], current], axis=1)
     step = np.concatenate([plain, np.stack([after, after * current], axis=1)], axis=1)
-    left = voltage - plain @ np.linalg.lstsq(plain, voltage, rcond=None)[0]
+    without, *_ = np.linalg.lstsq(plain, voltage, rcond=None)
+    if without[2] > 0.0:  # no battery has a negative resistance: motors draw less because the voltage fell
+        plain = plain[:, :2]
+        without, *_ = np.linalg.lstsq(plain, voltage, rcond=None)
+    left = voltage - plain @ without
     fitted, *_ = np.linalg.lstsq(step, voltage, rcond=None)
     rest = voltage - step @ fitted
-    if rest @ rest > 0.25 * (left @ left):
-        return 0.0
     size_v = -float(fitted[3] + fitted[4] * current[half:].mean())
     noise_v = float(np.sqrt(rest @ rest / len(rest)))
-    return size_v if size_v > max(least_v, 3.0 * noise_v) else 0.0
+    return size_v if size_v > 3.0 * noise_v else 0.0, float(rest @ rest) / max(float(left @ left), 1e-12)

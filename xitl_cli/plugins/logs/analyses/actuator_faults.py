@@ -72,7 +72,9 @@ _AS_GOOD = 0.9
 _PAUSE_NS = 10_000_000_000
 _HANDICAPS = {"reversed": (0.0, 0.0), "thrust_loss": (20.0, 0.01), "stuck": (40.0, 0.05)}
 """Improvement of the fit by which a kind must exceed one with less freedom: in units of its variance, and as share of
-the whole improvement."""
+the whole improvement. An actuator that is stuck at the command of its onset has no free size, and no handicap."""
+_SAME_COMMAND = 0.05
+"""Accuracy of the command at which an actuator is stuck."""
 
 
 _UNANSWERED_S, _UNANSWERED_MOMENT, _UNANSWERED_RADPS = 6.0, 0.3, 0.08
@@ -560,7 +562,7 @@ class _Search:
         variance = least / (2.0 * float(self._sound.sum()))  # of a row
 
         def handicapped(candidate: _Candidate) -> float:
-            times, share = _HANDICAPS[candidate.hypothesis.kind]
+            times, share = (0.0, 0.0) if self._froze(candidate) else _HANDICAPS[candidate.hypothesis.kind]
             return candidate.squares + times * variance + share * (whole - least)
 
         ranked = sorted(refined, key=handicapped)
@@ -581,6 +583,13 @@ class _Search:
         if within[1] - within[0] > _SURE_ROWS:
             fault = replace(fault, began_ns=began)
         return replace(fault, other=rivals[0] if rivals else None)
+
+    def _froze(self, candidate: _Candidate) -> bool:
+        """Whether an actuator is stuck at a command of its onset, within the second of that row."""
+        hypothesis, begin = candidate.hypothesis, int(self._fit.rows[candidate.span[0]])
+        commands = self._fit.motion.commands[begin : begin + _REACH + 1, hypothesis.output]
+        within = commands.min() - _SAME_COMMAND <= hypothesis.size <= commands.max() + _SAME_COMMAND
+        return hypothesis.kind == "stuck" and bool(within)
 
     def _onset(
         self, usual: Sequence[Floats], chosen: _Candidate, variance: float, gain: float
