@@ -16,7 +16,7 @@ def first_run(workplace: Workplace, path: Path) -> None:
 
     workplace.typed("xitl sim sitl --out runs/first")
     recording = workplace.folder / "runs/first/run.mcap"
-    path.write_bytes(moving_picture([recording], FROM_S, TO_S, size=(600, 338), speed=3.0, rate_hz=8.0))
+    path.write_bytes(moving_picture([recording], FROM_S, TO_S, size=(720, 405), speed=3.0, kind="webp"))
 
 
 def view(workplace: Workplace, path: Path) -> None:

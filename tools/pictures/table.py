@@ -50,7 +50,7 @@ PICTURES: dict[str, Maker] = {
     "forces.svg": drawn(drawings.vessel_forces),
     "first-run.svg": typed(FIRST_RUN),
     "vehicle-check.svg": typed("xitl init my-boat", "xitl vehicle check my-boat"),
-    "make-run.gif": scenes.first_run,
+    "make-run.webp": scenes.first_run,
     "view.png": scenes.view,
     "report.png": pages.first_report,
     "findings.png": pages.cut_report,

@@ -421,7 +421,7 @@ class _VesselDrawing:
         size = self._mark_m
         mark = shapes.merged(
             [
-                shapes.frustum((0.08 * size, 0.08 * size, 1.6 * size), sides=8).placed((0.0, 0.0, 0.8 * size)),
+                shapes.frustum((0.04 * size, 0.04 * size, 1.6 * size), sides=8).placed((0.0, 0.0, 0.8 * size)),
                 shapes.frustum((0.5 * size, 0.5 * size, 0.5 * size), 0.0, 1.0, sides=4).placed((0.0, 0.0, 1.85 * size)),
             ]
         )

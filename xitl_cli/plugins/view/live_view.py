@@ -92,6 +92,7 @@ class VesselWatch(RunNode):
         self._sonar: deque[_Seen] = deque(maxlen=SONAR_PINGS)
         self._drawn: dict[int, tuple[_Seen, Points]] = {}
         self._obstacles: dict[int, tuple[int, Any, Any]] = {}
+        self._battery: dict[str, float] = {}
         self._clocks: dict[str, tuple[float, float, float]] = {}
         self._events: deque[ViewEvent] = deque(maxlen=MOST_EVENTS)
         self._passing: dict[str, bytes] = {}
@@ -105,6 +106,7 @@ class VesselWatch(RunNode):
         recorder.watch("/sonar/points", self._on_sonar)
         recorder.watch("/companion/obstacles", self._on_obstacle)
         recorder.watch("/clocks", self._on_clock)
+        recorder.watch("/battery", self._on_battery)
         recorder.watch("/scene", self._on_scene)
         recorder.on_log(self._on_log)
         for camera in self._cameras:
@@ -147,6 +149,9 @@ class VesselWatch(RunNode):
         if node != "PS1":
             first_s = self._clocks[node][0] if node in self._clocks else values[4]
             self._clocks[node] = first_s, values[4] - first_s, values[5]
+
+    def _on_battery(self, stamp_ns: int, voltage_v: float, current_a: float, used_ah: float) -> None:
+        self._battery = {"battery V": voltage_v, "battery used Ah": used_ah}
 
     def instant(self, now_ns: int, late: int) -> VesselInstant:
         """Return the vessel's current state. late: number of deadlines that the host missed."""
@@ -213,15 +218,21 @@ class VesselWatch(RunNode):
         return self._drawn[id(seen)][1]
 
     def _numbers(self, status: RunStatus, late: int) -> dict[str, float]:
+        motion, current_ned_mps = self._plant.motion(), self._plant.state.current_ned_mps
+        through_water_mps = (motion.vel_ned_mps - current_ned_mps)[0, :2]
+        desired_deg = self._control.progress.desired_heading_deg
         numbers = {
             "speed m/s": status.speed_mps,
+            "speed through water m/s": math.hypot(*through_water_mps.tolist()),
             "heading °": status.heading_deg,
+            "desired heading °": math.nan if desired_deg is None else desired_deg,
             "cross-track m": math.nan if status.cross_track_m is None else status.cross_track_m,
             "estimate off m": math.nan if status.position_error_m is None else status.position_error_m,
             "wind m/s": status.wind_mps,
             "current m/s": status.current_mps,
             "links lost": status.lost,
             "deadline misses": status.missed + late,
+            **self._battery,
         }
         for node, (_, since_s, drift_ppm) in self._clocks.items():
             several = f" {node}" if len(self._clocks) > 1 else ""

@@ -57,6 +57,8 @@ class SceneVessel:
     """(W, 3), the start first."""
     acceptance_radius_m: float = 0.0
     """Distance at which a waypoint counts as reached; 0 if unknown."""
+    wdri: float | None = None
+    """WDRI of its profile's graph, None without one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

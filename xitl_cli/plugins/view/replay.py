@@ -45,9 +45,11 @@ class ReplayDrawing:
             server, recording.scene, dark=dark, tracks=False, water=resolution, past=self._past
         )
         level_m = recording.scene.water.level_m
+        self.track_colours = {name: SAILED[number % len(SAILED)] for number, name in enumerate(recording.names)}
+        """Colour of each vessel's track."""
         self._ways = [
-            _WayDrawing(server.scene, name, recording.track(name).pose, level_m, SAILED[number % len(SAILED)])
-            for number, name in enumerate(recording.names)
+            _WayDrawing(server.scene, name, recording.track(name).pose, level_m, colour)
+            for name, colour in self.track_colours.items()
         ]
 
     def _past(self, name: str, time_s: float) -> Array:
