@@ -56,6 +56,14 @@ def view(
         str | None, typer.Option("--of", metavar="NAME", help="Vessel that the camera of a picture looks at.")
     ] = None,
     speed: Annotated[float, typer.Option(metavar="TIMES", help="Speed of --gif as a multiple of real time.")] = 4.0,
+    chart: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="Draw this on the water: GeoJSON, MBTiles, or a folder of tiles {z}/{x}/{y}.png.",
+        ),
+    ] = None,
     dark: Annotated[bool, typer.Option("--dark", help="Use night colours.")] = False,
     host: Annotated[str, typer.Option("--view-host", metavar="HOST", help="Address to listen at.")] = "127.0.0.1",
     port: Annotated[
@@ -85,7 +93,7 @@ def view(
     for path, beginning in ((html, _PAGE), (png, _PNG), (gif, _WEBP if film_kind == "webp" else _GIF)):
         if path is not None:
             _refuse_other(path, beginning)
-    with open_scene([recording_in(path) for path in logs], vessel) as recording:
+    with open_scene([recording_in(path) for path in logs], vessel, chart) as recording:
         for note in recording.scene.notes:
             typer.echo(printable(f"note: {note}"), err=True)
         tell_damage(*recording.logs)

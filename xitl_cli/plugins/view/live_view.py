@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from sim_core import frames
 from sim_core.fleet import Fleet
 from sim_core.world.debris import DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
+from xitl_cli.errors import UserError
+from xitl_cli.logs.charts.chart import Chart, read_chart
+from xitl_cli.logs.model.errors import LogError
 from xitl_cli.plugins.view.camera_images import live_image
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewInstant
@@ -303,6 +307,7 @@ class LiveViewNode(RunNode):
         self._rate: deque[tuple[float, int]] = deque(maxlen=20)
         self._address: ViewAddress | None = None
         self._page = SideProcess("xitl_cli.plugins.view.process", self._on_loss, END_S, PROCESS_ENVIRONMENT)
+        self._chart: Chart | None = None
         self._opened = False
         self._ended = ""
         self._recorder: Any = None
@@ -316,6 +321,7 @@ class LiveViewNode(RunNode):
     def prepare(self) -> None:
         """Start the view process, print its address and, if the profile asks for it, open a browser."""
         check_view_extra()
+        self._chart = _chart_of(self._profiles)
         listener, self._address = listen(self._spec.host, self._spec.port)
         with listener:
             self._page.start([listener])
@@ -339,7 +345,7 @@ class LiveViewNode(RunNode):
         faults = () if operator is None else tuple(operator.faults.items())
         own = lead.name, self._address, self._spec.dark, tuple(updates), self._profiles
         pace = self._spec.pace if operator is None or operator.factor is None else operator.factor
-        self._page.send(ViewStart(*own, operated, lockstep, faults, pace))
+        self._page.send(ViewStart(*own, operated, lockstep, faults, pace, self._chart))
         if self._opened and lockstep:
             until_s = self._now_s() + FIRST_BROWSER_S
             while not self._page.gone and not self._browsers and self._now_s() < until_s and not self._interrupted():
@@ -498,6 +504,20 @@ class LiveViewNode(RunNode):
             },
             "warnings": [self._ended] if self._ended else [],
         }
+
+
+def _chart_of(profiles: Sequence[RunProfile]) -> Chart | None:
+    """Return the chart of `view.map` around the missions. Raises UserError as `read_chart` raises LogError."""
+    lead = profiles[0]
+    if lead.view.map is None:
+        return None
+    course = [place for profile in profiles for place in profile.mission.course_ned_m]
+    places = np.array([(east_m, north_m) for north_m, east_m in course] or [(0.0, 0.0)])
+    site = lead.site
+    try:
+        return read_chart(Path(lead.view.map), (site.latitude_deg, site.longitude_deg, site.altitude_m), places)
+    except LogError as error:
+        raise UserError(f"view.map = {error}") from error
 
 
 class ViewOutput(LiveOutput):

@@ -55,6 +55,7 @@ class ViewProcess:
     def __init__(self, listener: socket.socket, pipe: Pipe, start: ViewStart) -> None:
         self._pipe = pipe
         scene = make_view_scene(start.title, read_scene_updates(*start.updates), start.profiles)
+        scene = replace(scene, chart=start.chart)
         server = self._server = make_server(listener, start.address, start.title)
         self._drawing = SceneDrawing(server, scene, dark=start.dark)
         server.gui.configure_theme(dark_mode=start.dark, show_logo=False, show_share_button=False)

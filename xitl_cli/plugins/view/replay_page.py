@@ -207,7 +207,8 @@ def report_replay(report: Report, vessel: str | None) -> Replay:
     by_path = {file.path: file for file in report.files}
     recordings = [file.path for file in report.files if file.format == "mcap"][:1]  # other logs are of the same run
     try:
-        with open_scene(recordings or list(by_path)[:1], vessel) as scene:
+        chart = report.overview.chart
+        with open_scene(recordings or list(by_path)[:1], vessel, None if chart is None else chart.path) as scene:
             page = replay_html(scene, findings=scene.findings_of(report), at_s=scene.span_s[0])
             path, second = scene.lead_second(0)
     except (LogError, UserError) as error:

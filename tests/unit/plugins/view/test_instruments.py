@@ -91,7 +91,9 @@ def test_the_legend_has_the_colours_that_are_drawn() -> None:
 
 
 @pytest.mark.parametrize(("every_s", "shown_s"), [(0.0, 0.2), (0.5, 0.0)])
-def test_labels_change_at_their_interval_and_at_once_after_a_pause_or_a_jump_back(every_s: float, shown_s: float) -> None:
+def test_labels_change_at_their_interval_and_at_once_after_a_pause_or_a_jump_back(
+    every_s: float, shown_s: float
+) -> None:
     scene = Scene()
     server = cast(Any, SimpleNamespace(scene=scene))
     instruments = Instruments(server, ViewScene("test", vessels={"a": BOAT}), every_s=every_s)
