@@ -53,6 +53,7 @@ PICTURES: dict[str, Maker] = {
     "make-run.webp": scenes.first_run,
     "view.png": scenes.view,
     "report.png": pages.first_report,
+    "map.png": pages.report_on_a_map,
     "findings.png": pages.cut_report,
     "validation.png": pages.validation,
     "comparison.png": pages.comparison,

@@ -39,11 +39,11 @@ BROWSERS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
 )
+SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+"""Flags of a browser that draws WebGL without a graphics card."""
 _FLAGS = (
     "--headless=new",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
+    *SOFTWARE,
     "--no-first-run",
     "--no-default-browser-check",
     "--disable-background-networking",

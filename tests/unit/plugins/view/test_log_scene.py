@@ -102,6 +102,7 @@ def test_a_run_is_where_it_was_between_its_samples_too(tmp_path: Path) -> None:
         assert vessel.estimate_position_enu_m[1] == pytest.approx(0.5)
         assert vessel.numbers["estimate off m"] == pytest.approx(0.5)
         assert vessel.numbers["speed m/s"] == pytest.approx(SPEED_MPS)
+        assert vessel.numbers["speed through water m/s"] == pytest.approx(math.hypot(SPEED_MPS - 0.5, 0.25))
         assert vessel.motors == pytest.approx((0.4, -0.2))
         assert (instant.wind_en_mps, instant.current_en_mps) == ((1.0, -3.0), (0.5, 0.25))
         assert [recording.instant(at).vessels[""].armed for at in (4.0, 6.0)] == [False, True]
