@@ -75,10 +75,16 @@ const coloured = (value) => {
   if (Array.isArray(value)) return value.map(coloured);
   return value && typeof value === "object" ? Object.fromEntries(Object.entries(value).map(([name, each]) => [name, coloured(each)])) : value;
 };
-/** Images, shapes and named points of the chart below a track; the axes' ranges without it. */
+/** Images, shapes and named points of the chart below a track, and ranges of the axes with room for labels. */
 const chartOf = (plot) => {
   const { chart, tracks, waypoints } = plot.data;
-  if (!chart) return { points: [], layout: {}, ranges: [{}, {}] };
+  const range = (values) => {
+    const low = Math.min(...values), high = Math.max(...values), room = 0.15 * Math.max(high - low, 20);
+    return { range: [low - room, high + room] };
+  };
+  const ranges = ["east", "north"].map((axis, number) =>
+    range([...tracks.flatMap((track) => [...track[axis]]), ...waypoints.map((point) => point[number + 1])]));
+  if (!chart) return { points: [], layout: {}, ranges };
   const images = chart.tiles.map(({ source, west, north, width, height }) => ({
     source, x: west, y: north, sizex: width, sizey: height, sizing: "stretch", xref: "x", yref: "y", layer: "below",
   }));
@@ -95,12 +101,6 @@ const chartOf = (plot) => {
     mode: "markers+text", textposition: "bottom center", textfont: { color: colour("text"), size: 11 },
     marker: { size: 10, color: marks.map(({ marker }) => marker), line: { color: colour("text"), width: 1 } },
   }] : [];
-  const range = (values) => {
-    const low = Math.min(...values), high = Math.max(...values), room = 0.15 * Math.max(high - low, 20);
-    return { range: [low - room, high + room] };
-  };
-  const ranges = ["east", "north"].map((axis, number) =>
-    range([...tracks.flatMap((track) => [...track[axis]]), ...waypoints.map((point) => point[number + 1])]));
   return { points, layout: { images, shapes }, ranges };
 };
 const draws = {
