@@ -41,7 +41,7 @@ def report_on_a_map(workplace: Workplace, path: Path) -> None:
     workplace.file("reach.geojson", json.dumps(made_up_chart(-8.8, -63.95)))
     logs = "runs/first/run.mcap runs/first/autopilot.bin"
     workplace.typed(f"xitl logs analyze {logs} --report on-a-map.html --map reach.geojson --no-replay")
-    photograph(workplace.folder / "on-a-map.html", path, 1180, 960)
+    photograph(workplace.folder / "on-a-map.html", path, 1180, 1010)
 
 
 def made_up_chart(latitude_deg: float, longitude_deg: float) -> dict[str, Any]:
@@ -66,14 +66,14 @@ def made_up_chart(latitude_deg: float, longitude_deg: float) -> dict[str, Any]:
     turn = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
     shoal = [(90.0 + 28.0 * np.cos(t) + 5.0 * np.cos(3.0 * t), 40.0 + 20.0 * np.sin(t)) for t in turn.tolist()]
     islet = [(74.0 + 6.0 * np.cos(t), 42.0 + 4.5 * np.sin(t)) for t in turn.tolist()]
-    shore = [(-52.0 + 9.0 * np.sin(0.03 * north), north) for north in np.arange(-200.0, 401.0, 10.0).tolist()]
+    shore = [(-30.0 + 7.0 * np.sin(0.03 * north), north) for north in np.arange(-200.0, 401.0, 10.0).tolist()]
     features = [
         area([(-300, -200), (400, -200), (400, 400), (-300, 400)], fill="#d3e9f5", stroke="#d3e9f5"),
         area([(-300, -200), *shore, (-300, 400)], fill="#efe3b8", stroke="#9a8a55"),
         area(shoal, islet, fill="#a9d0e6", stroke="#5b8fb0", name="2 m"),
         area(islet, fill="#efe3b8", stroke="#9a8a55"),
-        feature("LineString", degrees([(-25, -100), (-20, 60), (20, 220)]), stroke="#a0529a"),
-        feature("Point", degrees([(32, 92)])[0], name="buoy 3", marker_color="#d02f2f"),
+        feature("LineString", degrees([(-6, -100), (2, 60), (40, 220)]), stroke="#a0529a"),
+        feature("Point", degrees([(22, 100)])[0], name="buoy 3", marker_color="#d02f2f"),
         feature("Point", degrees([(80, 76)])[0], name="buoy 4", marker_color="#23834a"),
     ]
     return {"type": "FeatureCollection", "features": features}
