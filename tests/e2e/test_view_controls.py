@@ -38,8 +38,8 @@ def page_at(url: str) -> Iterator[Any]:
 
 
 def time_shown_s(page: Any) -> tuple[float, bool]:
-    """As the table beside the picture has it, and whether it says that the run stands still."""
-    found = re.search(r"(\d+\.\d) s( · paused)?", page.locator("table").first.inner_text())
+    """As the instruments have it, and whether they say that the run stands still."""
+    found = re.search(r"(\d+\.\d) s( · paused)?", page.locator(".xitl-instruments summary").first.inner_text())
     return (float(found[1]), found[2] is not None) if found else (0.0, False)
 
 
@@ -102,7 +102,7 @@ def test_a_person_plays_with_a_run_at_its_page(tmp_path: Path) -> None:
 
             def click_on_the_water() -> bool:
                 """A busy browser may lose a click. One that was not lost is drawn in much less time."""
-                page.mouse.click(345, 190)  # next to the table at the left, and ahead of the vessel
+                page.mouse.click(345, 190)  # above the instruments, and ahead of the vessel
                 until_s = time.monotonic() + 0.3 * PATIENCE_S
                 while time.monotonic() < until_s:
                     if share_changed(free_water, water(page)) > 0.05:

@@ -19,13 +19,14 @@ from sim_core.environment.tide import make_tide
 from sim_core.environment.waves import WaveField, jonswap, realise_waves
 from sim_core.frames import matrix_to_euler
 from sim_core.simulation import Simulation, initial, step
-from sim_core.vessel.sections import hull_shape
 from tests.oracles import mariner
 from tests.oracles.kvlcc2 import Kvlcc2, ZigZag
 from tools.pictures.browser import fewer_colours
 from tools.pictures.workplace import Workplace
 from xitl_cli.logs import open_log
 from xitl_cli.plugins.studies.manoeuvres.ship_trials import ship_trials
+from xitl_cli.run.world.colours import PAINTS
+from xitl_cli.run.world.vessel_shape import drawn_diameter_m, propeller_mesh, vessel_parts
 
 INK, BLUE, AMBER, GREEN, RED, GREY = "#1c2733", "#2f6fc4", "#b97a10", "#23834a", "#c23b33", "#8a97a5"
 VESSELS = ("wamv16", "asv-full", "otter", "heron", "cybership2", "blueboat", "asv-third")
@@ -53,30 +54,52 @@ def figure(path: Path, draw: Callable[[Any], None], width: float = 9.2, height: 
 
 
 def vehicles(workplace: Workplace, path: Path) -> None:
-    """The shipped hulls from above, to one scale."""
+    """The shipped boats as xitl draws them, from the quarter, to one scale."""
     from matplotlib.collections import PolyCollection
 
+    # An orthographic camera: directions of its picture in the vessel's axes (forward, right, down)
+    turn, rise = np.radians(150.0), np.radians(24.0)
+    across = np.array([np.sin(turn), -np.cos(turn), 0.0])
+    towards = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), -np.sin(rise)])
+    up = np.cross(towards, across)
+    up = up if up[2] < 0.0 else -up
+    light = np.array([-0.35, 0.45, -0.82])
+
     def draw(axes: Any) -> None:
-        east = 0.0
+        begin = 0.0
         for name in VESSELS:
             page = workplace.file(f"{name}.yaml", f"extends: [sitl, vehicles/{name}, environments/calm]\n")
-            vehicle = xitl.load_profile(page).vehicle
-            shapes = [hull_shape(hull) for hull in vehicle.demi_hulls]
-            corners = np.concatenate([shape.vertices_m for shape in shapes])
-            half_width = np.abs(corners[:, 1]).max()
-            east += half_width
-            for shape in shapes:
-                plan = shape.vertices_m[shape.faces][..., [1, 0]] + [east, 0.0]
-                axes.add_collection(PolyCollection(list(plan), facecolor="#9db8d6", edgecolor="#9db8d6", linewidth=0.4))
+            profile = xitl.load_profile(page)
+            vehicle = profile.vehicle
+            corners, colours = [], []
+            for part in vessel_parts(vehicle, profile.environment.water):
+                triangles = part.mesh.vertices_m[part.mesh.faces]
+                normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+                normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+                corners.append(triangles)
+                shade = 0.55 + 0.45 * np.clip(normal @ light, 0.0, 1.0)
+                colours.append(shade[:, None] * np.asarray(PAINTS[part.paint][:3]))
             for propeller in vehicle.propellers:
-                forward, right, _ = propeller.position_frd_m
-                axes.plot([east + right - 0.12, east + right + 0.12], [forward, forward], color=RED, linewidth=2.5)
-            axes.text(east, corners[:, 0].min() - 0.35, name, ha="center", va="top")
-            east += half_width + 1.1
-        axes.set(xlim=(-0.6, east - 0.6), ylim=(-3.7, 2.6), aspect="equal", ylabel="forward of the body's origin (m)")
-        axes.set_xticks([])
+                mesh = propeller_mesh(drawn_diameter_m(propeller, vehicle.length_m))
+                triangles = mesh.vertices_m[mesh.faces] + np.asarray(propeller.position_frd_m)
+                corners.append(triangles)
+                colours.append(np.full((len(triangles), 3), 0.25))
+            triangles, shades = np.concatenate(corners), np.concatenate(colours)
+            order = np.argsort(triangles.mean(axis=1) @ towards)
+            plan = np.stack([triangles @ across, triangles @ up], axis=-1)[order]
+            left, right = plan[..., 0].min(), plan[..., 0].max()
+            plan[..., 0] += begin - left
+            colour = shades[order]
+            axes.add_collection(PolyCollection(list(plan), facecolor=colour, edgecolor=colour, linewidth=0.2))
+            middle = begin + 0.5 * (right - left)
+            axes.text(middle, plan[..., 1].min() - 0.2, name, ha="center", va="top")
+            begin += max(right - left, 1.0) + 0.5
+        axes.set(xlim=(-0.3, begin), ylim=(-1.9, 2.2), aspect="equal")
+        axes.set_axis_off()
+        axes.plot([begin - 1.5, begin - 0.5], [-1.6, -1.6], color=INK, linewidth=2.0)
+        axes.text(begin - 1.0, -1.55, "1 m", ha="center", va="bottom")
 
-    figure(path, draw, height=4.6)
+    figure(path, draw, width=11.5, height=3.8)
 
 
 def manoeuvres(workplace: Workplace, path: Path) -> None:

@@ -33,6 +33,7 @@ _ANY_FILE: tuple[KeyPath, ...] = (
     ("environment", "water", "tide", "file"),
     ("vehicle", "hydrodynamics_file"),
     ("vehicle", "visual", "file"),
+    ("view", "map"),
 )
 
 _FILES_IN_LISTS: tuple[tuple[KeyPath, KeyPath, tuple[str, ...]], ...] = (

@@ -13,6 +13,7 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.charts.chart import read_chart
 from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
 from xitl_cli.logs.model.analysis import AnalysisFailure, LogAnalysis, analysis_failure
 from xitl_cli.logs.model.errors import LogError
@@ -236,6 +237,15 @@ def build_report(
         # Damage inside a recording is found when its topics are read.
         files = [replace(file, health=log.health) for file, log in zip(files, laid, strict=True)]
         return Report(without_contradictions(files), tuple(refusals), first_part, held)
+
+
+def with_chart(report: Report, path: Path) -> Report:
+    """Return the report with a chart below its tracks. Raises LogError as `read_chart`, and without a track."""
+    overview = report.overview
+    if not overview.tracks:
+        raise LogError(f"{path}: cannot be drawn, because no log has positions; give a log with POS, GPS or odometry")
+    places = np.concatenate([np.column_stack([track.east_m, track.north_m]) for track in overview.tracks])
+    return replace(report, overview=replace(overview, chart=read_chart(path, overview.origin, places)))
 
 
 def open_all(paths: Sequence[Path], opened: ExitStack, vessel: str | None = "") -> tuple[list[Log], list[RefusedFile]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from xitl_cli.logs.charts.chart import Chart
 from xitl_cli.logs.model.analysis import AnalysisFailure
 from xitl_cli.logs.model.sections import Mark, Plot, Severity
 from xitl_cli.logs.model.table import Floats
@@ -50,6 +51,8 @@ class Overview:
     origin: tuple[float, float, float] | None = None
     """Latitude (deg), longitude (deg) and altitude (m) of the map's zero; None if unknown."""
     lacks: tuple[str, ...] = ()
+    chart: Chart | None = None
+    """Chart below the tracks."""
 
 
 @dataclass(frozen=True, slots=True)

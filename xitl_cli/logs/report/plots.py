@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.charts.chart import Chart
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Plot, Trace
 from xitl_cli.logs.model.table import Floats
@@ -18,6 +19,7 @@ from xitl_cli.logs.report.page import Page
 from xitl_cli.logs.report.signal_data import HeldColumn, HeldLog
 
 MOST_POINTS = 4000
+MOST_CHART_POINTS = 2000
 Numbers = NDArray[Any]  # of int64 or float64
 
 _LEAST_GAP_NS = 1_000_000_000
@@ -157,7 +159,46 @@ def map_payload(overview: Overview) -> dict[str, Any]:
             for track in overview.tracks
         ],
         "waypoints": [[point.name, round(point.east_m, 3), round(point.north_m, 3)] for point in overview.waypoints],
+        "chart": None if overview.chart is None else _chart_payload(overview.chart),
     }
+
+
+def _chart_payload(chart: Chart) -> dict[str, Any]:
+    return {
+        "tiles": [
+            {
+                "source": f"data:{tile.media_type};base64,{base64.b64encode(tile.image).decode()}",
+                "west": tile.west_m,
+                "north": tile.north_m,
+                "width": tile.east_m - tile.west_m,
+                "height": tile.north_m - tile.south_m,
+            }
+            for tile in chart.tiles
+        ],
+        "shapes": [
+            {
+                "kind": shape.kind.value,
+                "rings": [np.round(_thinned(ring), 2).tolist() for ring in shape.rings_en_m],
+                "name": shape.style.name,
+                "fill": _rgba(shape.style.fill, shape.style.fill_opacity),
+                "stroke": _rgba(shape.style.stroke, shape.style.stroke_opacity),
+                "width": shape.style.stroke_width_px,
+                "marker": shape.style.marker,
+            }
+            for shape in chart.shapes
+        ],
+    }
+
+
+def _thinned(ring: Floats) -> Floats:
+    """Return at most MOST_CHART_POINTS points of a line, the first and the last among them."""
+    many = -(-len(ring) // MOST_CHART_POINTS)
+    return ring if many <= 1 else np.concatenate([ring[:-1:many], ring[-1:]])
+
+
+def _rgba(colour: str, opacity: float) -> str:
+    red, green, blue = (int(colour[first : first + 2], 16) for first in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity:g})"
 
 
 def page_payload(page: Page) -> dict[str, Any]:

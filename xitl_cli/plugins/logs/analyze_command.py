@@ -54,6 +54,14 @@ def analyze(
     replay_by: Annotated[
         str, typer.Option("--replay-by", metavar="NAME", help="Make it with the replay of a package (default: view).")
     ] = XITL_REPLAY,
+    chart: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="With --report, draw this below the track: GeoJSON, MBTiles, or a folder of tiles {z}/{x}/{y}.png.",
+        ),
+    ] = None,
     as_json: Json = False,
     open_it: OpenPage = False,
 ) -> None:
@@ -65,7 +73,7 @@ def analyze(
     from xitl_cli.commands.terminal import progress
     from xitl_cli.log_analyses import log_analyses, sections_named
     from xitl_cli.logs.report import html
-    from xitl_cli.logs.report.build import OVERVIEW, build_report
+    from xitl_cli.logs.report.build import OVERVIEW, build_report, with_chart
     from xitl_cli.logs.report.json import document
 
     wanted = sections_named(sections or ())
@@ -74,12 +82,16 @@ def analyze(
     page = report or (_page_path(files[0], "report") if open_it else None)
     if page is not None:
         html.refuse_other(page)
+    if chart is not None and (page is None or not overview):
+        raise UserError("--map draws below the track of a report; add --report FILE.html, without --section")
     if replay_by != XITL_REPLAY:
         load(LOG_REPLAYS, replay_by)  # refused before the analysis
     with progress("opening") as show_progress:
         held = page is not None
         results = build_report(files, analyses, show_progress, vessel or "", overview=overview, signals_held=held)
         if page is not None and results.files:
+            if chart is not None:
+                results = with_chart(results, chart)
             replay = None
             if with_replay and overview:
                 show_progress("3D replay")

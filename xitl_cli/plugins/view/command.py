@@ -9,7 +9,7 @@ import threading
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from xitl_cli.plugins.view.recording import LogScene
 
 CameraView = StrEnum("CameraView", {"BEHIND": "behind", "BESIDE": "beside", "ABOVE": "above", "ALL": "all"})
-_PNG, _GIF, _PAGE = b"\x89PNG", b"GIF8", b"<!doctype"
+_PNG, _GIF, _WEBP, _PAGE = b"\x89PNG", b"GIF8", b"RIFF", b"<!doctype"
 
 
 def view(
@@ -44,7 +44,9 @@ def view(
         Path | None, typer.Option(metavar="FILE", help="Write the replay as one HTML page that opens from the disk.")
     ] = None,
     png: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a picture of the instant --at.")] = None,
-    gif: Annotated[Path | None, typer.Option(metavar="FILE", help="Write an animated picture of the span.")] = None,
+    gif: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write an animated picture of the span: .gif or .webp.")
+    ] = None,
     size: Annotated[
         str | None,
         typer.Option(metavar="WxH", help="Size in pixels; by default 1280x720 for --png, 640x360 for --gif."),
@@ -54,6 +56,14 @@ def view(
         str | None, typer.Option("--of", metavar="NAME", help="Vessel that the camera of a picture looks at.")
     ] = None,
     speed: Annotated[float, typer.Option(metavar="TIMES", help="Speed of --gif as a multiple of real time.")] = 4.0,
+    chart: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="Draw this on the water: GeoJSON, MBTiles, or a folder of tiles {z}/{x}/{y}.png.",
+        ),
+    ] = None,
     dark: Annotated[bool, typer.Option("--dark", help="Use night colours.")] = False,
     host: Annotated[str, typer.Option("--view-host", metavar="HOST", help="Address to listen at.")] = "127.0.0.1",
     port: Annotated[
@@ -79,10 +89,11 @@ def view(
     pixels = _size(size)
     if not 0.0 < speed < float("inf"):
         raise UserError(f"--speed {speed:g}: is not a speed; give a number above 0, such as 4")
-    for path, beginning in ((html, _PAGE), (png, _PNG), (gif, _GIF)):
+    film_kind: Literal["gif", "webp"] = "webp" if gif is not None and gif.suffix.lower() == ".webp" else "gif"
+    for path, beginning in ((html, _PAGE), (png, _PNG), (gif, _WEBP if film_kind == "webp" else _GIF)):
         if path is not None:
             _refuse_other(path, beginning)
-    with open_scene([recording_in(path) for path in logs], vessel) as recording:
+    with open_scene([recording_in(path) for path in logs], vessel, chart) as recording:
         for note in recording.scene.notes:
             typer.echo(printable(f"note: {note}"), err=True)
         tell_damage(*recording.logs)
@@ -103,9 +114,8 @@ def view(
             typer.echo(f"{printable(str(png))}: {_megabytes(png)}, at {instant_s:.2f} s")
         if gif is not None:
             size_px = pixels or (640, 360)
-            film = pictures.moving_picture(
-                recording, from_s, to_s, size=size_px, camera=camera.value, vessel=of, speed=speed, dark=dark
-            )
+            look: dict[str, Any] = {"camera": camera.value, "vessel": of, "dark": dark}
+            film = pictures.moving_picture(recording, from_s, to_s, size=size_px, speed=speed, kind=film_kind, **look)
             _write_whole(gif, film)
             typer.echo(f"{printable(str(gif))}: {_megabytes(gif)}, {duration_text(span.length_s)} at {speed:g} ×")
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from sim_core.frames import frd_to_flu, quat_multiply
 from xitl_cli.plugins.view import shapes
+from xitl_cli.plugins.view.chart_drawing import add_chart
 from xitl_cli.plugins.view.look import DAY, NIGHT, show_lighting
 from xitl_cli.plugins.view.model import (
     Array,
@@ -44,6 +45,8 @@ MOST_POINTS = 30_000
 TRACK_STEP_M = 0.3
 LEVEL_STEP_M = 0.01
 """Change of the water level after which the water and the marks on it move."""
+CHART_DEPTH_M = 0.08
+"""Height of tracks and marks above a chart."""
 WAKE_S, WAKE_STEP_S = 30.0, 0.5
 """Drawn length of a wake, and the time between two points of it."""
 TRACK_PIECE = 100
@@ -121,6 +124,9 @@ class SceneDrawing:
         api.world_axes.visible = False
         for number, mesh in enumerate(scene.meshes):
             _add_mesh(api, f"/surroundings/{number} {mesh.name}", mesh)
+        self._chart = None
+        if scene.chart is not None:
+            self._chart = add_chart(api, scene.chart, scene.water.level_m + lift_m(scene.water) - CHART_DEPTH_M)
         self._look = api.add_frame("/look", show_axes=False)
         self._look_water = api.add_frame("/look/water", show_axes=False)
         self._wind_mps = 0.0
@@ -188,6 +194,16 @@ class SceneDrawing:
         for vessel in self._vessels.values():
             vessel.show_clouds = shown
 
+    @property
+    def has_chart(self) -> bool:
+        """True if the scene has a chart."""
+        return self._chart is not None
+
+    def show_chart(self, shown: bool) -> None:
+        """Show or hide the chart."""
+        if self._chart is not None:
+            self._chart.visible = shown
+
     def _draw_passing(self, drawings: Mapping[str, tuple[SceneMesh, ...]]) -> None:
         for name, (meshes, nodes) in list(self._passing.items()):
             if drawings.get(name) is not meshes:
@@ -224,6 +240,9 @@ def add_drawing_options(
         estimates = gui.add_checkbox("Estimated pose", True)
         clouds = gui.add_checkbox("Lidar and sonar", True)
         night = gui.add_checkbox("Night", drawing.dark)
+        if drawing.has_chart:
+            chart = gui.add_checkbox("Map", True)
+            chart.on_update(lambda event: drawing.show_chart(chart.value))
 
     def choose(event: object) -> None:
         drawing.show_estimates(estimates.value)
@@ -237,6 +256,14 @@ def add_drawing_options(
     estimates.on_update(choose)
     clouds.on_update(choose)
     night.on_update(change_light)
+
+
+def lift_m(water: SceneWater) -> float:
+    """Return the height of marks above the still water, so that waves do not hide them."""
+    if water.waves is None:
+        return 0.1
+    # On average, crests reach half of the significant wave height.
+    return 0.1 + 0.5 * 4.0 * math.sqrt(0.5) * float(np.linalg.norm(water.waves.amplitude_m))
 
 
 class _WaterDrawing:
@@ -372,12 +399,7 @@ class _VesselDrawing:
         self._api = api
         self._path = f"/vessels/{name or 'vessel'}"
         self._level_m = water.level_m
-        # On average, crests reach half of the significant wave height.
-        self._lift_m = (
-            0.1
-            if water.waves is None
-            else 0.1 + 0.5 * 4.0 * math.sqrt(0.5) * float(np.linalg.norm(water.waves.amplitude_m))
-        )
+        self._lift_m = lift_m(water)
         self._vessel = vessel
         self._mark_m = min(max(vessel.length_m, 0.6), 6.0)
         """Size of marks."""
@@ -421,7 +443,7 @@ class _VesselDrawing:
         size = self._mark_m
         mark = shapes.merged(
             [
-                shapes.frustum((0.08 * size, 0.08 * size, 1.6 * size), sides=8).placed((0.0, 0.0, 0.8 * size)),
+                shapes.frustum((0.04 * size, 0.04 * size, 1.6 * size), sides=8).placed((0.0, 0.0, 0.8 * size)),
                 shapes.frustum((0.5 * size, 0.5 * size, 0.5 * size), 0.0, 1.0, sides=4).placed((0.0, 0.0, 1.85 * size)),
             ]
         )

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from sim_core import frames
 from sim_core.fleet import Fleet
 from sim_core.world.debris import DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
+from xitl_cli.errors import UserError
+from xitl_cli.logs.charts.chart import Chart, read_chart
+from xitl_cli.logs.model.errors import LogError
 from xitl_cli.plugins.view.camera_images import live_image
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewInstant
@@ -92,6 +96,7 @@ class VesselWatch(RunNode):
         self._sonar: deque[_Seen] = deque(maxlen=SONAR_PINGS)
         self._drawn: dict[int, tuple[_Seen, Points]] = {}
         self._obstacles: dict[int, tuple[int, Any, Any]] = {}
+        self._battery: dict[str, float] = {}
         self._clocks: dict[str, tuple[float, float, float]] = {}
         self._events: deque[ViewEvent] = deque(maxlen=MOST_EVENTS)
         self._passing: dict[str, bytes] = {}
@@ -105,6 +110,7 @@ class VesselWatch(RunNode):
         recorder.watch("/sonar/points", self._on_sonar)
         recorder.watch("/companion/obstacles", self._on_obstacle)
         recorder.watch("/clocks", self._on_clock)
+        recorder.watch("/battery", self._on_battery)
         recorder.watch("/scene", self._on_scene)
         recorder.on_log(self._on_log)
         for camera in self._cameras:
@@ -147,6 +153,9 @@ class VesselWatch(RunNode):
         if node != "PS1":
             first_s = self._clocks[node][0] if node in self._clocks else values[4]
             self._clocks[node] = first_s, values[4] - first_s, values[5]
+
+    def _on_battery(self, stamp_ns: int, voltage_v: float, current_a: float, used_ah: float) -> None:
+        self._battery = {"battery V": voltage_v, "battery used Ah": used_ah}
 
     def instant(self, now_ns: int, late: int) -> VesselInstant:
         """Return the vessel's current state. late: number of deadlines that the host missed."""
@@ -213,15 +222,21 @@ class VesselWatch(RunNode):
         return self._drawn[id(seen)][1]
 
     def _numbers(self, status: RunStatus, late: int) -> dict[str, float]:
+        motion, current_ned_mps = self._plant.motion(), self._plant.state.current_ned_mps
+        through_water_mps = (motion.vel_ned_mps - current_ned_mps)[0, :2]
+        desired_deg = self._control.progress.desired_heading_deg
         numbers = {
             "speed m/s": status.speed_mps,
+            "speed through water m/s": math.hypot(*through_water_mps.tolist()),
             "heading °": status.heading_deg,
+            "desired heading °": math.nan if desired_deg is None else desired_deg,
             "cross-track m": math.nan if status.cross_track_m is None else status.cross_track_m,
             "estimate off m": math.nan if status.position_error_m is None else status.position_error_m,
             "wind m/s": status.wind_mps,
             "current m/s": status.current_mps,
             "links lost": status.lost,
             "deadline misses": status.missed + late,
+            **self._battery,
         }
         for node, (_, since_s, drift_ppm) in self._clocks.items():
             several = f" {node}" if len(self._clocks) > 1 else ""
@@ -292,6 +307,7 @@ class LiveViewNode(RunNode):
         self._rate: deque[tuple[float, int]] = deque(maxlen=20)
         self._address: ViewAddress | None = None
         self._page = SideProcess("xitl_cli.plugins.view.process", self._on_loss, END_S, PROCESS_ENVIRONMENT)
+        self._chart: Chart | None = None
         self._opened = False
         self._ended = ""
         self._recorder: Any = None
@@ -305,6 +321,7 @@ class LiveViewNode(RunNode):
     def prepare(self) -> None:
         """Start the view process, print its address and, if the profile asks for it, open a browser."""
         check_view_extra()
+        self._chart = _chart_of(self._profiles)
         listener, self._address = listen(self._spec.host, self._spec.port)
         with listener:
             self._page.start([listener])
@@ -328,7 +345,7 @@ class LiveViewNode(RunNode):
         faults = () if operator is None else tuple(operator.faults.items())
         own = lead.name, self._address, self._spec.dark, tuple(updates), self._profiles
         pace = self._spec.pace if operator is None or operator.factor is None else operator.factor
-        self._page.send(ViewStart(*own, operated, lockstep, faults, pace))
+        self._page.send(ViewStart(*own, operated, lockstep, faults, pace, self._chart))
         if self._opened and lockstep:
             until_s = self._now_s() + FIRST_BROWSER_S
             while not self._page.gone and not self._browsers and self._now_s() < until_s and not self._interrupted():
@@ -487,6 +504,20 @@ class LiveViewNode(RunNode):
             },
             "warnings": [self._ended] if self._ended else [],
         }
+
+
+def _chart_of(profiles: Sequence[RunProfile]) -> Chart | None:
+    """Return the chart of `view.map` around the missions. Raises UserError as `read_chart` raises LogError."""
+    lead = profiles[0]
+    if lead.view.map is None:
+        return None
+    course = [place for profile in profiles for place in profile.mission.course_ned_m]
+    places = np.array([(east_m, north_m) for north_m, east_m in course] or [(0.0, 0.0)])
+    site = lead.site
+    try:
+        return read_chart(Path(lead.view.map), (site.latitude_deg, site.longitude_deg, site.altitude_m), places)
+    except LogError as error:
+        raise UserError(f"view.map = {error}") from error
 
 
 class ViewOutput(LiveOutput):

@@ -101,7 +101,9 @@ then east, north and time of its way. */
       float share = clamp((xWind - 5.0) / 18.0, 0.0, 0.3);
       if (share > 0.0 && far < 250.0) {
         float crest = smoothstep(0.78 - share, 0.98 - share, xNoise(place.xz * 0.35 - 0.25 * xTime) * 0.75 + 0.35 * rough);
-        colour = mix(colour, vec3(mix(0.9, 0.4, xNight)), 0.6 * crest * smoothstep(0.5, 0.62, rough));
+        float grain = 0.5 * xNoise(2.3 * place.xz + 0.2 * xTime) + 0.3 * xNoise(6.1 * place.xz - 0.3 * xTime) + 0.2 * rough;
+        crest *= smoothstep(0.5, 0.62, rough) * mix(smoothstep(0.48, 0.72, grain), 0.5, smoothstep(20.0, 90.0, far));
+        colour = mix(colour, vec3(mix(0.93, 0.42, xNight)), 0.7 * crest * smoothstep(2.0, 7.0, far));
       }
       colour = mix(colour, xHaze, 1.0 - exp(-max(far - 60.0, 0.0) / xFar));
       gl_FragColor = vec4(colour, mix(opacity, 1.0, max(fresnel, smoothstep(20.0, 200.0, far))));

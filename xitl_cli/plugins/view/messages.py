@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from xitl_cli.logs.charts.chart import Chart
 from xitl_cli.plugins.view.server import ViewAddress
 from xitl_cli.profile.schema import RunProfile
 
@@ -27,6 +28,8 @@ class ViewStart:
     """Names of the faults that the page can switch, by vessel."""
     pace: float | None = None
     """Multiple of real time while a browser is connected; None for no limit."""
+    chart: Chart | None = None
+    """Chart on the water."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.environment.tide import NO_TIDE, Tide
+from xitl_cli.logs.charts.chart import Chart
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -57,6 +58,8 @@ class SceneVessel:
     """(W, 3), the start first."""
     acceptance_radius_m: float = 0.0
     """Distance at which a waypoint counts as reached; 0 if unknown."""
+    wdri: float | None = None
+    """WDRI of its profile's graph, None without one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,6 +114,8 @@ class ViewScene:
     water: SceneWater = field(default_factory=SceneWater)
     notes: tuple[str, ...] = ()
     """Messages to the user about parts that the view cannot draw."""
+    chart: Chart | None = None
+    """Chart on the water."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

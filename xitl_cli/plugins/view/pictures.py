@@ -1,4 +1,4 @@
-"""Pictures of recordings for papers and docs: an instant as PNG, a span as GIF. A headless browser renders them.
+"""Pictures of recordings for papers and docs: an instant as PNG, a span as GIF or WebP, from a headless browser.
 
 The module uses an installed Chromium, Chrome or Edge. The browser opens a page of this machine and renders one picture
 after the other. It fetches nothing from elsewhere.
@@ -18,11 +18,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from xitl_cli.errors import UserError
+from xitl_cli.plugins.view.camera import FOLLOW, usual_pose
 from xitl_cli.plugins.view.model import Array, ViewInstant
 from xitl_cli.plugins.view.recording import LogScene, scene_of
 from xitl_cli.plugins.view.replay import ReplayDrawing, unseen_server
@@ -38,11 +39,11 @@ BROWSERS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
 )
+SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+"""Flags of a browser that draws WebGL without a graphics card."""
 _FLAGS = (
     "--headless=new",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
+    *SOFTWARE,
     "--no-first-run",
     "--no-default-browser-check",
     "--disable-background-networking",
@@ -56,7 +57,7 @@ START_S, RENDER_S, LOOK_S = 60.0, 120.0, 20.0
 FOV_RAD = math.radians(50.0)
 LEAST_PIXELS, MOST_PIXELS = 64, 4096
 MOST_FRAMES = 1500
-GIF_COLOURS = 128
+GIF_COLOURS, WEBP_QUALITY = 128, 70
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +118,13 @@ def moving_picture(
     speed: float = 4.0,
     rate_hz: float = 10.0,
     dark: bool = False,
+    kind: Literal["gif", "webp"] = "gif",
 ) -> bytes:
-    """Return a span of the recording as an endlessly repeated GIF, the complete recording by default.
+    """Return a span of the recording as an endlessly repeated picture, the complete recording by default.
 
-    speed: playback speed as a multiple of the recorded speed. rate_hz: frames per second of playback. The other
-    parameters and errors are those of `picture`. Raises UserError also for more than `MOST_FRAMES` frames.
+    speed: playback speed as a multiple of the recorded speed. rate_hz: frames per second of playback. kind: WebP has
+    all colours and needs a third of the bytes of a GIF. The other parameters and errors are those of `picture`. Raises
+    UserError also for more than `MOST_FRAMES` frames.
     """
     with scene_of(recording) as scene:
         span = checked_span(scene, from_s, to_s)
@@ -133,7 +136,18 @@ def moving_picture(
             )
         with _photographer(scene, size, camera, vessel, dark) as photograph:
             pictures = [photograph(span.from_s + span.length_s * number / frames) for number in range(frames)]
-    # The images share one palette, made of some of them, so that nothing flickers
+    out, duration_ms = io.BytesIO(), round(1000.0 / rate_hz)
+    if kind == "webp":
+        options = {"quality": WEBP_QUALITY, "method": 4}
+    else:
+        pictures, options = _with_one_palette(pictures), {"optimize": False}
+    first, *rest = pictures
+    first.save(out, kind, save_all=True, append_images=rest, duration=duration_ms, loop=0, **options)
+    return out.getvalue()
+
+
+def _with_one_palette(pictures: Sequence[Image.Image]) -> list[Image.Image]:
+    """Return the pictures with one palette, made of some of them, so that nothing flickers."""
     from PIL import Image
 
     some = pictures[:: max(len(pictures) // 8, 1)]
@@ -142,10 +156,7 @@ def moving_picture(
     for number, image in enumerate(some):
         sheet.paste(image, (0, number * height))
     palette = palette_of(sheet, GIF_COLOURS)
-    first, *rest = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in pictures]
-    out = io.BytesIO()
-    first.save(out, "GIF", save_all=True, append_images=rest, duration=round(1000.0 / rate_hz), loop=0, optimize=False)
-    return out.getvalue()
+    return [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in pictures]
 
 
 def find_browser() -> str:
@@ -203,14 +214,17 @@ def camera_view(view: View, recording: LogScene, instant: ViewInstant, vessel: s
         return Camera((east, north - 0.5 * extent, 1.0 * extent), (east, north, 0.0))
     here = instant.vessels[name]
     east, north, up = here.position_enu_m.tolist()
-    ahead = quat_to_matrix(here.attitude_wxyz)[:, 0]
-    ahead_e, ahead_n = (ahead[:2] / max(float(np.linalg.norm(ahead[:2])), 1e-9)).tolist()
-    far = max(4.0 * recording.scene.vessels[name].length_m, 4.0)
+    ahead_e, ahead_n = quat_to_matrix(here.attitude_wxyz)[:2, 0].tolist()
+    length_m = recording.scene.vessels[name].length_m
+    far = max(4.0 * length_m, 4.0)
     if view == "above":
         return Camera((east, north - 0.01, up + 6.0 * far), (east, north, up))
+    heading_rad = math.atan2(ahead_n, ahead_e)
     if view == "beside":
-        return Camera((east + far * ahead_n, north - far * ahead_e, up + 0.25 * far), (east, north, up))
-    return Camera((east - far * ahead_e, north - far * ahead_n, up + 0.38 * far), (east, north, up + 0.12 * far))
+        across_e, across_n = far * math.sin(heading_rad), -far * math.cos(heading_rad)
+        return Camera((east + across_e, north + across_n, up + 0.25 * far), (east, north, up))
+    offset_e, offset_n, offset_up = usual_pose(FOLLOW, length_m).offset_m(heading_rad).tolist()
+    return Camera((east + offset_e, north + offset_n, up + offset_up), (east, north, up))
 
 
 @contextmanager

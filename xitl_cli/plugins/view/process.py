@@ -22,6 +22,7 @@ from xitl_cli.plugins.view.camera import Cameras
 from xitl_cli.plugins.view.camera_images import ImagePanel
 from xitl_cli.plugins.view.controls import Controls
 from xitl_cli.plugins.view.drawing import SceneDrawing, add_drawing_options
+from xitl_cli.plugins.view.instruments import Instruments
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import BodyInstant, SceneMesh, ViewInstant
 from xitl_cli.plugins.view.readouts import Readouts
@@ -54,10 +55,12 @@ class ViewProcess:
     def __init__(self, listener: socket.socket, pipe: Pipe, start: ViewStart) -> None:
         self._pipe = pipe
         scene = make_view_scene(start.title, read_scene_updates(*start.updates), start.profiles)
+        scene = replace(scene, chart=start.chart)
         server = self._server = make_server(listener, start.address, start.title)
         self._drawing = SceneDrawing(server, scene, dark=start.dark)
         server.gui.configure_theme(dark_mode=start.dark, show_logo=False, show_share_button=False)
         self._readouts = Readouts(server, scene)
+        self._instruments = Instruments(server, scene)
         self._cameras = Cameras(server, scene)
         self._images = ImagePanel(server)
         self._controls: Controls | None = None
@@ -124,6 +127,7 @@ class ViewProcess:
         instant = replace(instant, bodies=bodies, drawings=passing_at(self._passing, instant.time_s))
         self._drawing.draw(instant)
         self._cameras.update(instant)
+        self._instruments.update(instant)
         self._readouts.update(instant, time.monotonic())
         self._images.update(
             {

@@ -25,6 +25,7 @@ import xitl_cli.logs.signals as signals
 from agent.wire.dialect import MAV_SEVERITY_INFO
 from sim_core.frames import ned_to_enu, quat_ned_frd_to_enu_flu
 from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.charts.chart import read_chart
 from xitl_cli.logs.compare.pairing import pair_logs, paired_events
 from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.model.errors import LogError
@@ -285,11 +286,11 @@ def _worst_first(findings: Sequence[tuple[str, SceneFinding]]) -> list[SceneFind
     return sorted(once.values(), key=lambda finding: -finding.severity)
 
 
-def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
+def open_scene(paths: Sequence[Path], vessel: str | None = None, chart: Path | None = None) -> LogScene:
     """Return the logs at `paths` as one scene. The lead is the first log with surroundings, else the first log.
 
-    vessel: the vessel to show from recordings of several vessels, all by default. Raises LogError if a file is not a
-    log, or if no log has both positions and attitudes.
+    vessel: the vessel to show from recordings of several vessels, all by default. chart: file or folder of a chart on
+    the water. Raises LogError if a file is not a log, if no log has both positions and attitudes, and as `read_chart`.
     """
     if not paths:
         raise LogError("no log; name a .bin, a .tlog or an .mcap")
@@ -304,6 +305,9 @@ def open_scene(paths: Sequence[Path], vessel: str | None = None) -> LogScene:
         notes: list[str] = []
         placed = _place_logs(logs, notes)
         scene, others, bodies = _surroundings(placed, recordings, notes)
+        if chart is not None:
+            places = np.concatenate([vessel.track.pose.position_enu_m[:, :2] for vessel in placed])
+            scene = replace(scene, chart=read_chart(chart, placed[0].place.origin, places))
         opened.pop_all()
         for recording in recordings.values():
             if recording.raw not in logs:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xitl_cli.plugins.view.model import Array, Colour, ViewInstant
+from xitl_cli.plugins.view.model import Array, Colour, SceneWater, ViewInstant
 from xitl_cli.plugins.view.recording import LogScene
 
 if TYPE_CHECKING:
@@ -44,10 +44,12 @@ class ReplayDrawing:
         self._drawing = SceneDrawing(
             server, recording.scene, dark=dark, tracks=False, water=resolution, past=self._past
         )
-        level_m = recording.scene.water.level_m
+        water = recording.scene.water
+        self.track_colours = {name: SAILED[number % len(SAILED)] for number, name in enumerate(recording.names)}
+        """Colour of each vessel's track."""
         self._ways = [
-            _WayDrawing(server.scene, name, recording.track(name).pose, level_m, SAILED[number % len(SAILED)])
-            for number, name in enumerate(recording.names)
+            _WayDrawing(server.scene, name, recording.track(name).pose, water, colour)
+            for name, colour in self.track_colours.items()
         ]
 
     def _past(self, name: str, time_s: float) -> Array:
@@ -74,11 +76,14 @@ class ReplayDrawing:
 class _WayDrawing:
     """Segments of a track. Each segment appears after the vessel has sailed it."""
 
-    def __init__(self, api: Any, name: str, pose: Any, level_m: float, colour: Colour) -> None:
+    def __init__(self, api: Any, name: str, pose: Any, water: SceneWater, colour: Colour) -> None:
+        from xitl_cli.plugins.view.drawing import lift_m
+
         seconds, places = spaced(pose.place_s, pose.position_enu_m)
         points = places.astype(np.float32)
+        level_m = water.level_m
         points[:, 2] = np.maximum(points[:, 2], level_m) if np.ptp(points[:, 2]) > 5.0 else level_m
-        points[:, 2] += 0.1
+        points[:, 2] += lift_m(water)
         self._until_s = np.empty(0)
         self._pieces: list[Any] = []
         self._shown = 0

@@ -40,14 +40,7 @@
   subject.title = "vessel";
   for (const vessel of replay.vessels) add("option", subject, "", vessel.name || "vessel");
   subject.hidden = replay.vessels.length < 2;
-  const numbers = add("table", panel, "replay-numbers");
-  const legend = add("table", panel, "replay-legend");
-  for (const item of replay.legend) {
-    const row = add("tr", legend);
-    add("i", add("td", row)).style.background = item.colour;
-    add("td", row, "", item.name);
-    add("td", row, "", item.scale);
-  }
+  const instruments = window.xitlInstruments(panel, () => replay.vessels[subject.selectedIndex].name);
   const lists = (title, rows, row) => {
     if (!rows.length) return null;
     const list = add("details", panel);
@@ -93,47 +86,13 @@
     strip.style.top = `${track.top - 9}px`;
   };
 
-  /* Numbers */
-  const lastBefore = (times, time) => {
-    let low = 0;
-    let high = times.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (times[middle] <= time) low = middle + 1;
-      else high = middle;
-    }
-    return low - 1;
-  };
-  const cells = new Map();
-  const show = (label, text) => {
-    if (!cells.has(label)) {
-      const row = add("tr", numbers);
-      add("td", row, "", label);
-      cells.set(label, add("td", row));
-    }
-    const cell = cells.get(label);
-    if (cell.textContent !== text) cell.textContent = text;
-  };
   let shown = NaN;
-  const showNumbers = () => {
+  const showTime = () => {
     const time = shownTime() + replay.begin_s;
     if (time === shown) return;
     shown = time;
     now.textContent = clock(time);
     if (window.parent !== window) window.parent.postMessage({ replayShows: time }, "*");
-    const vessel = replay.vessels[subject.selectedIndex];
-    const mode = vessel.modes.filter((item) => item[0] <= time).pop();
-    const armed = vessel.armed.some((item) => item[0] <= time && time <= item[1]);
-    show("mode", `${mode ? mode[1] : "–"}${armed ? ", armed" : ""}`);
-    const [since, waypoints] = vessel.missions.filter((item) => item[0] <= time).pop() ?? vessel.missions[0] ?? [0, 0];
-    if (waypoints) {
-      show("waypoint", `${vessel.reached_s.filter((item) => since < item && item <= time).length} of ${waypoints}`);
-    }
-    const row = lastBefore(vessel.seconds, time);
-    for (const [label, values] of Object.entries(vessel.numbers)) {
-      const value = row < 0 ? null : values[row];
-      show(label, value === null ? "–" : String(value));
-    }
   };
 
   /* Camera */
@@ -154,8 +113,10 @@
   const views = {
     behind: (vessel, { position, wxyz }) => {
       const [east, north] = turned(wxyz, [1, 0, 0]);
-      const far = vessel.distance_m;
-      look([position[0] - far * east, position[1] - far * north, position[2] + 0.45 * far], position, false);
+      const level = Math.hypot(east, north) || 1;
+      const [ahead, left, up] = vessel.behind_m;
+      const from = [(ahead * east - left * north) / level, (ahead * north + left * east) / level, up];
+      look(position.map((part, axis) => part + from[axis]), position, false);
     },
     beside: (vessel, { position, wxyz }) => {
       const [east, north] = turned(wxyz, [0, -1, 0]);
@@ -177,12 +138,7 @@
     views[name](vessel, pose(vessel));
   };
   for (const name of Object.keys(views)) add("button", cameras, "", name).onclick = () => showView(name);
-  subject.onchange = () => {
-    cells.clear();
-    numbers.replaceChildren();
-    shown = NaN;
-    showView("behind");
-  };
+  subject.onchange = () => showView("behind");
   let last = "";
   let ready = false;
   const follow = () => {
@@ -202,7 +158,7 @@
   };
   const frame = () => {
     layStrip();
-    showNumbers();
+    showTime();
     follow();
     window.requestAnimationFrame(frame);
   };

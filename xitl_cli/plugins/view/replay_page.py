@@ -21,30 +21,21 @@ from xitl_cli.extras import VIEW
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.report.model import Report
 from xitl_cli.logs.report.page import Replay
+from xitl_cli.plugins.view.camera import FOLLOW, usual_pose
+from xitl_cli.plugins.view.instruments import Instruments, instruments_html
 from xitl_cli.plugins.view.look import look_html
 from xitl_cli.plugins.view.model import Points, ViewInstant
-from xitl_cli.plugins.view.readouts import arrow_legend
 from xitl_cli.plugins.view.recording import LogScene, SceneFinding, open_scene, scene_of
 from xitl_cli.plugins.view.replay import ReplayDrawing, unseen_server
 
 RATE_HZ = 10.0
 MOST_INSTANTS = 6000
-NUMBERS_HZ = 2.0
-MOST_NUMBERS = 1500
+INSTRUMENTS_S, MOST_INSTRUMENTS = 0.5, 1500
+"""Time between two changes of the instruments, and the largest number of changes."""
 CLOUD_S = 1.0
 MOST_POINTS, MOST_MAP_POINTS, MAPS = 1200, 8000, 12
 POINT_STEP_M = 0.05
 _MOST_LISTED = 400
-NUMBERS = (
-    "speed m/s",
-    "heading °",
-    "cross-track m",
-    "estimate off m",
-    "links lost",
-    "deadline misses",
-    "clock offset ms",
-)
-"""Labels in the order of display. Other labels follow."""
 View = Literal["behind", "beside", "above", "all"]
 MOST_REPLAY_BYTES = 12_000_000
 """Maximum size of a replay on the page of a report."""
@@ -99,13 +90,19 @@ def replay_html(
         rate_hz = min(RATE_HZ, MOST_INSTANTS / span.length_s)
         with unseen_server() as server:
             drawing = ReplayDrawing(server, scene, dark=dark, page=True)
+            every_s = max(INSTRUMENTS_S, span.length_s / MOST_INSTRUMENTS)
+            instruments = Instruments(server, scene.scene, drawing.track_colours, every_s)
             instants = _PageInstants(scene, span)
-            drawing.draw(instants.at(span.from_s))
+            first = instants.at(span.from_s)
+            drawing.draw(first)
+            instruments.update(first)
             serializer = server.get_scene_serializer()
             count = max(math.ceil(span.length_s * rate_hz), 1)
             for number in range(1, count + 1):
                 serializer.insert_sleep(span.length_s / count)
-                drawing.draw(instants.at(span.from_s + span.length_s * number / count))
+                instant = instants.at(span.from_s + span.length_s * number / count)
+                drawing.draw(instant)
+                instruments.update(instant)
             html: str = serializer.as_html(dark_mode=dark)
         results = scene.findings() if findings is None else findings
         here = files("xitl_cli.plugins.view")
@@ -120,7 +117,7 @@ def replay_html(
         )
         before, head, rest = html.partition("<head>")
         end = rest.rindex("</body>")
-        return before + head + look_html() + rest[:end] + overlay + rest[end:]
+        return before + head + look_html() + instruments_html() + rest[:end] + overlay + rest[end:]
 
 
 class _PageInstants:
@@ -173,7 +170,7 @@ def _page_data(
         "at_s": at_s,
         "middle_en_m": np.round((low + high) / 2, 1).tolist(),
         "extent_m": round(max(float(np.linalg.norm(high - low)), 20.0), 1),
-        "vessels": [_vessel_data(recording, name, span) for name in recording.names],
+        "vessels": [_vessel_data(recording, name) for name in recording.names],
         "marks": [{"time_s": mark.time_s, "text": mark.text} for mark in recording.marks if inside(mark.time_s)][
             :_MOST_LISTED
         ],
@@ -188,37 +185,17 @@ def _page_data(
             if inside(finding.time_s)
         ][:_MOST_LISTED],
         "notes": list(recording.scene.notes),
-        "legend": [
-            {"colour": f"rgb{entry.colour}", "name": entry.name, "scale": entry.scale}
-            for entry in arrow_legend(recording.scene.vessels[recording.names[0]].length_m)
-        ],
     }
 
 
-def _vessel_data(recording: LogScene, name: str, span: Span) -> dict[str, Any]:
-    track, length_m = recording.track(name), recording.scene.vessels[name].length_m
-    many = int(min(span.length_s * NUMBERS_HZ, MOST_NUMBERS)) + 1
-    seconds = np.linspace(span.from_s, span.to_s, many)
-    rows = [track.at(time_s, seen=False).numbers for time_s in seconds.tolist()]
-    known = {label for row in rows for label in row}
-    labels = [label for label in NUMBERS if label in known] + sorted(known - set(NUMBERS))
+def _vessel_data(recording: LogScene, name: str) -> dict[str, Any]:
+    length_m = recording.scene.vessels[name].length_m
     return {
         "name": name,
         "path": f"/vessels/{name or 'vessel'}",
         "distance_m": round(max(4.0 * length_m, 4.0), 2),
-        "missions": [[round(plan.from_s, 2), max(len(plan.places_enu_m) - 1, 0)] for plan in track.missions],
-        "reached_s": np.round(track.reached_s, 2).tolist(),
-        "modes": [[round(state.from_s, 2), state.text] for state in track.modes],
-        "armed": [[round(state.from_s, 2), round(state.until_s, 2)] for state in track.armed],
-        "seconds": np.round(seconds, 2).tolist(),
-        "numbers": {label: [_number(row.get(label)) for row in rows] for label in labels},
+        "behind_m": np.round(usual_pose(FOLLOW, length_m).offset_m(0.0), 2).tolist(),
     }
-
-
-def _number(value: float | None) -> float | int | None:
-    if value is None or not math.isfinite(value):
-        return None
-    return int(value) if value == int(value) else round(value, 2)
 
 
 def report_replay(report: Report, vessel: str | None) -> Replay:
@@ -230,7 +207,8 @@ def report_replay(report: Report, vessel: str | None) -> Replay:
     by_path = {file.path: file for file in report.files}
     recordings = [file.path for file in report.files if file.format == "mcap"][:1]  # other logs are of the same run
     try:
-        with open_scene(recordings or list(by_path)[:1], vessel) as scene:
+        chart = report.overview.chart
+        with open_scene(recordings or list(by_path)[:1], vessel, None if chart is None else chart.path) as scene:
             page = replay_html(scene, findings=scene.findings_of(report), at_s=scene.span_s[0])
             path, second = scene.lead_second(0)
     except (LogError, UserError) as error:

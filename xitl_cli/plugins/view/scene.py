@@ -6,6 +6,7 @@ xitl_cli/run/world/scene.py makes the messages. A live view receives the same by
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +16,8 @@ from numpy.random import default_rng
 from sim_core.environment.tide import make_tide
 from sim_core.environment.waves import WaveField, realise_waves
 from sim_core.frames import quat_to_matrix
+from xitl_cli.errors import UserError
+from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.plugins.view import shapes
 from xitl_cli.plugins.view.model import (
     Array,
@@ -211,6 +214,10 @@ def make_view_scene(title: str, entities: Iterable[DrawnEntity], profiles: Seque
         red, green, blue = (round(255 * part) for part in water_colour(lead.environment.water_reflectivity))
         colour = red, green, blue
         water = replace(water, level_m=level_m, waves=waves_of(lead), bounded=bounded, tide=tide, colour=colour)
+    for profile in profiles:
+        if profile.vessel in vessels and profile.graph is not None:
+            with suppress(UserError):  # of a recording whose reference profile is not on this machine
+                vessels[profile.vessel] = replace(vessels[profile.vessel], wdri=profile_wdri(profile).wdri)
     return ViewScene(title, tuple(meshes), vessels, water)
 
 

@@ -303,13 +303,14 @@ new MutationObserver(() => {{
 
 
 def _complete(answer: Any, title: str) -> None:
-    """Add a title, the look of the scene and a message about missing WebGL to the page.
+    """Add a title, the look of the scene, the instruments and a message about missing WebGL to the page.
 
     viser's own message is lost when its page fails.
     """
     import gzip
     import html
 
+    from xitl_cli.plugins.view.instruments import instruments_html
     from xitl_cli.plugins.view.look import look_html
 
     packed = answer.headers.get("Content-Encoding") == "gzip"
@@ -317,7 +318,7 @@ def _complete(answer: Any, title: str) -> None:
     before, head, rest = body.partition(b"<head>")
     if not head:
         return
-    text = (_HEAD.format(title=html.escape(title)) + look_html()).encode()
+    text = (_HEAD.format(title=html.escape(title)) + look_html() + instruments_html()).encode()
     body = before + head + text + rest.replace(b"<title>Viser</title>", b"", 1)
     answer.body = gzip.compress(body, 1) if packed else body
     headers = {

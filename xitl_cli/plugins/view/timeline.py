@@ -195,6 +195,7 @@ class RecordingPage:
         from xitl_cli.plugins.view.camera import Cameras
         from xitl_cli.plugins.view.camera_images import ImagePanel
         from xitl_cli.plugins.view.drawing import add_drawing_options
+        from xitl_cli.plugins.view.instruments import Instruments
         from xitl_cli.plugins.view.readouts import Readouts
         from xitl_cli.plugins.view.server import make_server
 
@@ -206,6 +207,7 @@ class RecordingPage:
         self._drawing = ReplayDrawing(server, recording, dark=dark)
         self.panel = TimelinePanel(server, self.clock, recording.marks)
         self._readouts = Readouts(server, recording.scene)
+        self._instruments = Instruments(server, recording.scene, self._drawing.track_colours)
         self._cameras = Cameras(server, recording.scene)
         self._images = ImagePanel(server)
         add_drawing_options(server, self._drawing.drawing, self._draw_again)
@@ -238,6 +240,7 @@ class RecordingPage:
             since_s = shown_s if shown_s is not None and 0.0 < time_s - shown_s < 60.0 else None
             self._instant = self._recording.instant(time_s, since_s)
             self._drawing.draw(self._instant)
+            self._instruments.update(self._instant)
         self._readouts.update(self._instant, now_s)
         self._images.update(self._recording.images(time_s))
         self._cameras.update(self._instant)

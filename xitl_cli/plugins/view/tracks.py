@@ -20,7 +20,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.signals import Series, SignalSource
 from xitl_cli.logs.signals.missions import mission_versions
-from xitl_cli.logs.signals.series import column_series
+from xitl_cli.logs.signals.series import column_series, make_series
 from xitl_cli.logs.signals.states import vehicle_kind
 from xitl_cli.plugins.view.model import Array, Points, VesselInstant
 
@@ -31,6 +31,8 @@ MOST_CLOUD_POINTS = 60_000
 SONAR_S = 12.0
 """Time for which the points of a ping are drawn: one turn of a scanning sonar."""
 OBSTACLE_S = 1.5
+DESIRED_S = 2.0
+"""Time for which a desired heading is valid."""
 _SURFACE = ("rover", "unknown")
 _REACHED = re.compile(r"reached waypoint #?(\d+)", re.IGNORECASE)
 
@@ -68,11 +70,15 @@ class HeldValues:
     """(N,), start of each value, never decreasing."""
     values: NDArray[np.float64]
     """(N, ...)."""
+    lasting_s: float = math.inf
+    """Time after which a value is no longer valid."""
 
     def at(self, time_s: float) -> Array | None:
-        """Return the value at time_s, None before the first."""
+        """Return the value at time_s, None without a valid one."""
         row = int(np.searchsorted(self.seconds, time_s, side="right")) - 1
-        return None if row < 0 else np.asarray(self.values[row])
+        if row < 0 or time_s - self.seconds[row] > self.lasting_s:
+            return None
+        return np.asarray(self.values[row])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -429,9 +435,22 @@ def _numbers(log: Log, seconds: Seconds, truth: bool) -> Iterator[tuple[str, Hel
         or column_series(log, "NAV_CONTROLLER_OUTPUT", "xtrack_error", "m")
         or column_series(log, "/link/agent/rx:NAV_CONTROLLER_OUTPUT", "xtrack_error", "m")
     )
-    for name, series in (("speed m/s", speed), ("cross-track m", cross_track)):
+    battery = (
+        column_series(log, "/battery", "voltage_v", "V")
+        or column_series(log, "BAT", "Volt", "V")
+        or _known_voltage(column_series(log, "SYS_STATUS", "voltage_battery", "V", factor=1e-3))
+    )
+    used = column_series(log, "/battery", "used_ah", "Ah") or column_series(log, "BAT", "CurrTot", "Ah", factor=1e-3)
+    for name, series, lasting_s in (
+        ("speed m/s", speed, math.inf),
+        ("speed through water m/s", _speed_through_water(log), math.inf),
+        ("desired heading °", signals.yaw_desired(log), DESIRED_S),
+        ("cross-track m", cross_track, math.inf),
+        ("battery V", battery, math.inf),
+        ("battery used Ah", used, math.inf),
+    ):
         if series is not None:
-            yield name, HeldValues(seconds(series.stamp_ns), series.values)
+            yield name, HeldValues(seconds(series.stamp_ns), series.values, lasting_s)
     for label, topic, field, groups in (
         ("links lost", "/links", "lost", ("name",)),
         ("deadline misses", "/tasks", "missed", ("node", "task")),
@@ -444,6 +463,24 @@ def _numbers(log: Log, seconds: Seconds, truth: bool) -> Iterator[tuple[str, Hel
         rows = np.flatnonzero(~np.char.startswith(nodes, "PS"))
         if len(rows):
             yield "clock offset ms", HeldValues(seconds(clocks.stamp_ns[rows]), 1e3 * clocks.values("offset_s", rows))
+
+
+def _known_voltage(series: Series | None) -> Series | None:
+    """Return a voltage without 65.535 V, which means unknown."""
+    if series is None:
+        return None
+    return make_series(series.stamp_ns, np.where(series.values < 65.5, series.values, math.nan), "V", series.source)
+
+
+def _speed_through_water(log: Log) -> Series | None:
+    """Return the true speed relative to the current (m/s), None for a log without truth and current."""
+    state, environment = log.tables.get("/truth/state"), log.tables.get("/environment")
+    if state is None or environment is None or not len(environment):
+        return None
+    current = np.asarray(environment.values("current_ned_mps"), dtype=np.float64)
+    last = np.searchsorted(environment.stamp_ns, state.stamp_ns, side="right") - 1
+    moved = np.asarray(state.values("velocity_ned_mps"), dtype=np.float64) - current[np.maximum(last, 0)]
+    return make_series(state.stamp_ns, np.hypot(moved[:, 0], moved[:, 1]), "m/s", "/truth/state")
 
 
 def _total(table: Table | None, field: str, groups: tuple[str, ...], seconds: Seconds) -> HeldValues | None:

@@ -81,6 +81,9 @@ class ViewSpec(Specification):
         Annotated[float, Bounds(at_least=1, at_most=60)], "largest number of pictures per second of wall clock"
     ] = 20.0
     dark: Annotated[bool, "night; every viewer can change it"] = False
+    map: Annotated[
+        str | None, "map on the water: GeoJSON, MBTiles, or a folder of tiles {z}/{x}/{y}.png: [view.md](view.md#maps)"
+    ] = None
 
 
 OWN_LIVE_GROUPS = ("view", "ros")

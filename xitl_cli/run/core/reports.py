@@ -39,6 +39,8 @@ class Progress:
     messages: tuple[str, ...] = ()
     guided_ne_m: tuple[float, float] | None = None
     """Target in GUIDED as (north, east) in metres; None without one."""
+    desired_heading_deg: float | None = None
+    """Heading that the autopilot steers for, from north, clockwise; None in modes without one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,8 @@ class AgentView:
     for its tasks. `sim_ns(agent_us)`: returns the simulation time of an instant on the agent's clock, None while
     unknown. heard: a heartbeat of the autopilot has arrived. px4: the autopilot is a PX4. starting: it boots or
     calibrates. has_origin: its estimator has an origin. unhealthy: its enabled subsystems that are not healthy.
-    guided_ne_m: the latest target of GUIDED from the host, north and east, until the mode leaves GUIDED. pair_ms:
+    guided_ne_m: the latest target of GUIDED from the host, north and east, until the mode leaves GUIDED.
+    desired_heading_deg: the latest heading that the autopilot steers for, until the mode changes. pair_ms:
     largest time between a position and an attitude of one estimate. sphere_metres: its local position is in ArduPilot's
     metres, about an origin on the real Earth.
     """
@@ -77,6 +78,7 @@ class AgentView:
         self.unhealthy: tuple[str, ...] = ()
         self.target_seq: int | None = None
         self.guided_ne_m: tuple[float, float] | None = None
+        self.desired_heading_deg: float | None = None
         self.reached_seqs: set[int] = set()
         self.mission_complete = False
         self.acks: dict[int, int] = {}
@@ -104,6 +106,7 @@ class AgentView:
             dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._global_origin,
             dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: self._nav_controller_output,
             dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator_status,
             dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: self._named_value,
             dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._node_status,
@@ -149,6 +152,8 @@ class AgentView:
         guided = shown_mode("GUIDED", self.px4)
         if self.mode == guided and mode != guided:
             self.guided_ne_m = None
+        if self.mode != mode:
+            self.desired_heading_deg = None
         self.mode = mode
 
     def _sys_status(self, message: Any) -> None:
@@ -207,6 +212,11 @@ class AgentView:
         """Store the standard deviations. The reported horizontal accuracy is that of both axes together."""
         axis_m = message.pos_horiz_accuracy / math.sqrt(2.0)
         self._deviation_ned_m = np.array([axis_m, axis_m, message.pos_vert_accuracy])
+
+    def _nav_controller_output(self, message: Any) -> None:
+        # Rover sends zeros in modes without a target
+        steered = message.nav_bearing or message.wp_dist
+        self.desired_heading_deg = message.nav_bearing % 360.0 if steered else None
 
     def _named_value(self, message: Any) -> None:
         """Store the standard deviation of the heading, which the embedded autopilot sends."""

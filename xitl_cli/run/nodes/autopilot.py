@@ -258,6 +258,7 @@ class AutopilotNode(ControlNode):
             armed=view.armed,
             messages=tuple(texts),
             guided_ne_m=view.guided_target_ne_m(),
+            desired_heading_deg=view.desired_heading_deg,
         )
 
     def links(self) -> Sequence[Link]:

@@ -9,8 +9,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import xitl_cli.logs.signals as signals
 from tests.recorded import CALM, LOGS, MISSION_TLOG
 from xitl_cli.errors import UserError
+from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Section
@@ -40,6 +42,38 @@ def test_no_analysis_fails_on_a_real_log(log: Path) -> None:
     assert code == 0
     assert [file["failures"] for file in told["files"]] == [[]]
     assert told["files"][0]["sections"].keys() >= {"vehicle", "modes", "scheduler", "sensors"}
+
+
+@pytest.mark.medium
+def test_a_report_has_a_map_below_its_track(tmp_path: Path) -> None:
+    with open_log(CALM) as log:
+        position = signals.position_ned(log)
+    assert position is not None
+    assert position.origin is not None
+    latitude, longitude, _ = position.origin
+    chart = tmp_path / "chart.geojson"
+    properties = {"name": "</script>pier", "marker-color": "#123456"}
+    point = {"type": "Point", "coordinates": [longitude, latitude]}
+    chart.write_text(json.dumps({"type": "Feature", "properties": properties, "geometry": point}), encoding="utf-8")
+    page = tmp_path / "report.html"
+    code, _ = run("analyze", CALM, "--report", page, "--map", chart, "--no-replay")
+    assert code == 0
+    written = page.read_text(encoding="utf-8")
+    payload = next(
+        json.loads(part.partition("</script>")[0])
+        for part in written.split('<script type="application/json">')
+        if part.startswith('{"kind":"track"')
+    )
+    (shape,) = payload["chart"]["shapes"]
+    assert (shape["kind"], shape["name"], shape["marker"]) == ("point", "</script>pier", "#123456")
+    assert shape["rings"] == [[[0.0, 0.0]]]
+    assert run("analyze", CALM, "--map", chart) == (
+        2, "error: --map draws below the track of a report; add --report FILE.html, without --section"
+    )  # fmt: skip
+    chart.write_text(json.dumps({"type": "Point", "coordinates": [0.0, 89.0]}), encoding="utf-8")
+    code, text = run("analyze", CALM, "--report", page, "--map", chart)
+    assert code == 2
+    assert "km away from the track" in text
 
 
 @pytest.mark.medium

@@ -21,6 +21,7 @@ from xitl_cli.plugins.view.drawing import (
     SceneDrawing,
     stream_arrows,
 )
+from xitl_cli.plugins.view.instruments import legend
 from xitl_cli.plugins.view.model import (
     BodyInstant,
     SceneThruster,
@@ -31,7 +32,6 @@ from xitl_cli.plugins.view.model import (
     ViewInstant,
     ViewScene,
 )
-from xitl_cli.plugins.view.readouts import legend_html
 from xitl_cli.plugins.view.scene import NO_WAVES
 
 viser = pytest.importorskip("viser")
@@ -207,20 +207,10 @@ def test_arrows_are_as_long_as_the_legend_says(server: viser.ViserServer, length
         drawn = node(drawing, f"/streams/vessel/{arrow.name}")
         assert drawn.scale[0] == pytest.approx(arrow.m_per_mps * speeds_mps[arrow.name])
         assert tuple(drawn.color) == arrow.colour
-    told = legend_html(ViewInstant(0.0, {"": AT_START}), length_m)
-    for arrow in stream_arrows(length_m):
-        assert f"rgb{arrow.colour}" in told
-        assert f">{arrow.name}<" in told
-        assert f"1 m of arrow = {1.0 / arrow.m_per_mps:.2g} m/s" in told
-
-
-def test_the_legend_has_the_marks_that_are_drawn() -> None:
-    plain = legend_html(ViewInstant(0.0, {"": AT_START}), 2.0)
-    assert not any(name in plain for name in ("next waypoint", "GUIDED target", "estimate"))
-    guided = legend_html(ViewInstant(0.0, {"": replace(AT_START, guided_enu_m=np.zeros(3))}), 2.0)
-    assert "GUIDED target" in guided
-    seen = replace(AT_START, target_enu_m=np.zeros(3), estimate_position_enu_m=np.zeros(3))
-    assert all(name in legend_html(ViewInstant(0.0, {"": seen}), 2.0) for name in ("next waypoint", "estimate"))
+    told = legend(ViewInstant(0.0, {"": AT_START}), replace(BOAT, length_m=length_m), {})
+    assert [(entry.colour, entry.scale) for entry in told if entry.scale] == [
+        (arrow.colour, f"1 m = {1.0 / arrow.m_per_mps:.2g} m/s") for arrow in stream_arrows(length_m)
+    ]
 
 
 def test_a_vessel_that_no_scene_has_is_a_plain_boat(drawing: DrawingOnServer) -> None:

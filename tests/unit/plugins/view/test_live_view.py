@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -15,6 +17,7 @@ import xitl_cli.plugins.view.live_view as view_node
 from sim_core.world.debris import BodyKind, Launch
 from tests.doubles.side_process import SideProcessDouble
 from tests.golden import Golden
+from xitl_cli.errors import UserError
 from xitl_cli.plugins.view.live_view import LiveViewNode, VesselWatch, cloud_points
 from xitl_cli.plugins.view.messages import ViewRefusal, ViewStart
 from xitl_cli.plugins.view.model import ViewInstant
@@ -22,6 +25,7 @@ from xitl_cli.plugins.view.scene import read_bodies, read_scene_updates
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import BatteryMessage
 from xitl_cli.run.core.node import ControlNode, RunContext, SimulationClock
 from xitl_cli.run.core.pace import Lockstep
 from xitl_cli.run.nodes.direct_control import direct_control
@@ -323,6 +327,39 @@ def test_words_and_misses_are_passed_on(parts: Parts) -> None:
     assert (event.time_s, event.severity, event.text) == (2.5, 4, "autopilot: Failsafe")
     assert watch.events() == []
     assert watch.instant(0, 5).numbers["deadline misses"] == 7
+
+
+def test_the_instruments_have_speeds_and_battery(parts: Parts) -> None:
+    _, watch, plant, recorder = parts
+    numbers = watch.instant(0, 0).numbers
+    motion, current = plant.vessels[0].motion(), plant.vessels[0].state.current_ned_mps
+    through_mps = float(np.linalg.norm((motion.vel_ned_mps - current)[0, :2]))
+    assert numbers["speed through water m/s"] == pytest.approx(through_mps)
+    assert math.isnan(numbers["desired heading °"])
+    assert "battery V" not in numbers
+    recorder.write(0, BatteryMessage(24.5, 3.0, 0.25))
+    numbers = watch.instant(0, 0).numbers
+    assert (numbers["battery V"], numbers["battery used Ah"]) == (24.5, 0.25)
+
+
+def test_a_map_of_another_place_is_refused_before_the_run_begins(page: Page, tmp_path: Path) -> None:
+    path = tmp_path / "map.geojson"
+    path.write_text('{"type": "Point", "coordinates": [10.0, 50.0]}')
+    profile = load_profile("mitl", [f"view.map={path}"]).runnable()
+    plant = build_plant([profile], Seeds(1), Scenery(profile))
+    node = LiveViewNode([profile], plant, [], lambda: b"", page.said.append, lambda: False, lambda: page.now_s)
+    with pytest.raises(UserError, match=r"view.map = .*map.geojson: is \d+ km away from the track"):
+        node.prepare()
+    site = profile.site
+    path.write_text(json.dumps({"type": "Point", "coordinates": [site.longitude_deg, site.latitude_deg]}))
+    with ExitStack() as opened:
+        opened.callback(node.close)
+        recorder = Recorder(tmp_path / "run.mcap", "none")
+        opened.callback(recorder.close)
+        node.prepare()
+        node.begin(RunContext(recorder, Lockstep(), SimulationClock(Lockstep())))
+        (start,) = page.received()
+    assert start.chart.shapes[0].rings_en_m[0] == pytest.approx(np.zeros((1, 2)), abs=1e-3)
 
 
 def test_no_view_is_made_unless_it_is_asked_for() -> None:

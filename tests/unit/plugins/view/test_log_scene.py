@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -19,6 +21,8 @@ from tests.golden import Golden
 from tests.recorded import CALM, LINUX, MISSION_TLOG
 from xitl_cli.errors import UserError
 from xitl_cli.logs import LogError, open_log
+from xitl_cli.plugins.view import pictures
+from xitl_cli.plugins.view.camera import FOLLOW, usual_pose
 from xitl_cli.plugins.view.recording import action_text, open_scene
 from xitl_cli.plugins.view.replay_page import checked_span
 from xitl_cli.plugins.view.tracks import heading_deg
@@ -102,6 +106,7 @@ def test_a_run_is_where_it_was_between_its_samples_too(tmp_path: Path) -> None:
         assert vessel.estimate_position_enu_m[1] == pytest.approx(0.5)
         assert vessel.numbers["estimate off m"] == pytest.approx(0.5)
         assert vessel.numbers["speed m/s"] == pytest.approx(SPEED_MPS)
+        assert vessel.numbers["speed through water m/s"] == pytest.approx(math.hypot(SPEED_MPS - 0.5, 0.25))
         assert vessel.motors == pytest.approx((0.4, -0.2))
         assert (instant.wind_en_mps, instant.current_en_mps) == ((1.0, -3.0), (0.5, 0.25))
         assert [recording.instant(at).vessels[""].armed for at in (4.0, 6.0)] == [False, True]
@@ -220,3 +225,33 @@ def test_a_span_outside_of_the_recording_is_refused(tmp_path: Path, golden: Gold
 def test_actions_are_told_in_words() -> None:
     assert action_text('{"action": "wind", "mean_mps": 6, "vessel": ""}') == "wind mean_mps 6"
     assert action_text("no JSON") == "no JSON"
+
+
+@pytest.mark.parametrize("kind", ["gif", "webp"])
+def test_a_moving_picture_has_its_frames_in_either_format(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Literal["gif", "webp"]
+) -> None:
+    image = pytest.importorskip("PIL.Image")
+
+    @contextmanager
+    def photographer(*_: object) -> Iterator[Callable[[float], Any]]:
+        yield lambda at_s: image.new("RGB", (64, 64), (round(10 * at_s), 100, 50))
+
+    monkeypatch.setattr(pictures, "_photographer", photographer)
+    with open_scene([run_file(tmp_path / "run.mcap")]) as recording:
+        film = pictures.moving_picture(recording, 4.0, 12.0, speed=2.0, rate_hz=2.0, kind=kind)
+    with image.open(io.BytesIO(film)) as shown:
+        assert (shown.format, shown.n_frames) == (kind.upper(), 8)
+        shown.seek(7)
+        red, green, blue = shown.convert("RGB").getpixel((32, 32))
+    assert (red, green, blue) == pytest.approx((110, 100, 50), abs=6)
+
+
+def test_a_picture_from_behind_is_taken_by_the_camera_of_the_live_view(tmp_path: Path) -> None:
+    with open_scene([run_file(tmp_path / "run.mcap")]) as recording:
+        instant = recording.instant(7.0)
+        camera = pictures.camera_view("behind", recording, instant)
+        length_m = recording.scene.vessels[""].length_m
+    offset_m = np.subtract(camera.position_enu_m, instant.vessels[""].position_enu_m)
+    assert offset_m == pytest.approx(usual_pose(FOLLOW, length_m).offset_m(0.0))  # it heads east
+    assert offset_m[0] < 0.0 < offset_m[2]

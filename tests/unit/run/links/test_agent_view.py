@@ -43,6 +43,23 @@ def test_a_position_makes_an_estimate_with_an_attitude_that_is_not_too_old(
     assert estimates == ([1_000_000] if told else [])
 
 
+def test_the_desired_heading_lasts_until_the_mode_changes() -> None:
+    view = AgentView(LocalFrame(-8.8, -63.95, 70.0), lambda *_: None, lambda *_: None)
+
+    def tell(mode: int, bearing_deg: int, distance_m: int) -> float | None:
+        view.handle(dialect.MAVLink_heartbeat_message(10, 3, 0, mode, 4, 3))
+        view.handle(dialect.MAVLink_nav_controller_output_message(0.0, 0.0, bearing_deg, 0, distance_m, 0.0, 0.0, 0.0))
+        return view.desired_heading_deg
+
+    auto, hold = 10, 4
+    assert tell(auto, -90, 12) == 270.0
+    assert tell(auto, 0, 12) == 0.0
+    assert tell(auto, 0, 0) is None  # Rover's zeros without a target
+    assert tell(auto, 45, 0) == 45.0
+    view.handle(dialect.MAVLink_heartbeat_message(10, 3, 0, hold, 4, 3))
+    assert view.desired_heading_deg is None
+
+
 def test_the_deviation_of_the_heading_goes_with_the_estimate() -> None:
     estimates: list[MotionEstimate] = []
     view = AgentView(LocalFrame(-8.8, -63.95, 70.0), lambda *_: None, lambda _, estimate: estimates.append(estimate))

@@ -75,6 +75,34 @@ const coloured = (value) => {
   if (Array.isArray(value)) return value.map(coloured);
   return value && typeof value === "object" ? Object.fromEntries(Object.entries(value).map(([name, each]) => [name, coloured(each)])) : value;
 };
+/** Images, shapes and named points of the chart below a track, and ranges of the axes with room for labels. */
+const chartOf = (plot) => {
+  const { chart, tracks, waypoints } = plot.data;
+  const range = (values) => {
+    const low = Math.min(...values), high = Math.max(...values), room = 0.15 * Math.max(high - low, 20);
+    return { range: [low - room, high + room] };
+  };
+  const ranges = ["east", "north"].map((axis, number) =>
+    range([...tracks.flatMap((track) => [...track[axis]]), ...waypoints.map((point) => point[number + 1])]));
+  if (!chart) return { points: [], layout: {}, ranges };
+  const images = chart.tiles.map(({ source, west, north, width, height }) => ({
+    source, x: west, y: north, sizex: width, sizey: height, sizing: "stretch", xref: "x", yref: "y", layer: "below",
+  }));
+  const path = (rings, end) => rings.map((ring) => `M${ring.map((place) => place.join()).join("L")}${end}`).join("");
+  const shapes = chart.shapes.filter(({ kind }) => kind !== "point").map(({ kind, rings, name, fill, stroke, width }) => ({
+    type: "path", path: path(rings, kind === "polygon" ? "Z" : ""), layer: "below", fillrule: "evenodd",
+    fillcolor: kind === "polygon" ? fill : "rgba(0,0,0,0)", line: { color: stroke, width },
+    label: { text: name.replace(/</g, "‹"), font: { color: colour("text"), size: 11 } },
+  }));
+  const marks = chart.shapes.filter(({ kind }) => kind === "point");
+  const places = marks.map(({ rings }) => rings[0][0]);
+  const points = marks.length ? [{
+    x: places.map(([east]) => east), y: places.map(([, north]) => north), text: marks.map(({ name }) => name.replace(/</g, "‹")),
+    mode: "markers+text", textposition: "bottom center", textfont: { color: colour("text"), size: 11 },
+    marker: { size: 10, color: marks.map(({ marker }) => marker), line: { color: colour("text"), width: 1 } },
+  }] : [];
+  return { points, layout: { images, shapes }, ranges };
+};
 const draws = {
   time(plot) {
     const traces = plot.data.traces.map((trace, index) => {
@@ -113,7 +141,7 @@ const draws = {
     return [[points], layoutOf(plot, { ...timeAxis(plot), showgrid: false }, yaxis, { shapes: boxes })];
   },
   track(plot) {
-    const { tracks, waypoints } = plot.data, by = find("select", plot.figure)?.value ?? "track", traces = [];
+    const { tracks, waypoints } = plot.data, by = find("select", plot.figure)?.value ?? "track", chart = chartOf(plot), traces = [...chart.points];
     const zoomed = state.range !== whole, inside = (at) => at >= state.range[0] && at <= state.range[1];
     // The first track is drawn last, over the others.
     [...tracks.entries()].reverse().forEach(([index, track]) => {
@@ -139,7 +167,8 @@ const draws = {
       marker: { symbol: "x", size: 9, color: findings.map((mark) => colour(severities[mark.severity])) } });
     traces.push({ ...where([0, last]), mode: "markers+text", text: ["start", "end"], textposition: ["bottom left", "bottom right"], textfont: { color: colour("text") },
       marker: { symbol: ["circle", "square"], size: 10, color: colour("text") } });
-    return [traces, layoutOf(plot, { title: { text: "east (m)", standoff: 4 } }, { title: { text: "north (m)", standoff: 4 }, scaleanchor: "x" }, { dragmode: "pan" })];
+    const [east, north] = chart.ranges;
+    return [traces, layoutOf(plot, { title: { text: "east (m)", standoff: 4 }, ...east }, { title: { text: "north (m)", standoff: 4 }, scaleanchor: "x", ...north }, { dragmode: "pan", ...chart.layout })];
   },
   map(plot) {
     const [traces] = draws.xy(plot);

@@ -270,7 +270,9 @@ def _report(
     if setup.real is None:
         source = "a run that replaces the real boat"
         note = (
-            "No real boat: the real side is a run with mass, damping and thrust drawn 5 % about the model's, 1 m/s of "
+            "This comparison cannot show how well xitl predicts a real boat, because the real side is another "
+            "simulation. It can show how errors of parameters, wind and sensors grow when recorded outputs drive a "
+            "model. The real side is a run with mass, damping and thrust drawn 5 % about the model's, 1 m/s of "
             "gusty wind, a weak current and noisy sensors, as its autopilot logged it; use --real LOG for a real boat."
         )
     return ExperimentReport(
