@@ -6,8 +6,7 @@ each recording, the delay of the commands and of the position. Windows do not ha
 windows do not become errors of the model, as they would in one long simulation.
 
 Between solutions, the noise of each quantity is estimated from its residuals, and large residuals get Huber's weights.
-Standard errors are those of a jackknife over windows (CR3; Bell and McCaffrey 2002), because residuals within a window
-are correlated.
+`sandwich.py` has the standard errors.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.free_keys import FreeKey, priors, with_values
 from xitl_cli.plugins.identify.recording import QUANTITIES, Floats
+from xitl_cli.plugins.identify.sandwich import Sandwich
 from xitl_cli.plugins.identify.windows import NAMES, OF_POSITION, OUTPUT_S, Simulator, Windows
 
 SHARED = (("command delay", "s", 0.1), ("delay of position and velocity", "s", 0.1), ("delay of yaw rate", "s", 0.02))
@@ -64,8 +64,8 @@ class Fit:
     """The vehicle with the fitted values."""
     x: Floats
     """(P + Q,) keys as in FreeKey, then SHARED, then OF_RECORDING for each recording."""
-    covariance: Floats
-    """(P + Q, P + Q)."""
+    sandwich: Sandwich
+    """Of the P + Q values of x."""
     prior: Floats
     """(P + Q,) standard deviations before the fit."""
     noise: dict[str, float]
@@ -79,8 +79,7 @@ class Fit:
     @property
     def sigma(self) -> Floats:
         """Standard errors of x."""
-        root: Floats = np.sqrt(np.diag(self.covariance))
-        return root
+        return self.sandwich.sigma(np.eye(len(self.x)))
 
     def nuisance(self, number: int) -> Floats:
         """Return SHARED and OF_RECORDING of one recording."""
@@ -317,23 +316,24 @@ def fit(
             of_quantity = problem.reweighted(x)
         elif moved.max() < _SETTLED:
             break
-    covariance = _covariance(problem, x)
     fitted = with_values(vessel, keys, x[: len(keys)])
     return Fit(
-        tuple(keys), fitted, x, covariance, prior, of_quantity, windows, problem.starts, number, problem.evaluations
+        tuple(keys),
+        fitted,
+        x,
+        _sandwich(problem, x),
+        prior,
+        of_quantity,
+        windows,
+        problem.starts,
+        number,
+        problem.evaluations,
     )
 
 
-def _covariance(problem: _Problem, x: Floats) -> Floats:
-    """Return the covariance by a jackknife over windows, with the priors as further observations."""
-    residual, jacobian = problem.residuals(x), problem.jacobian(x)
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
-    meat = np.diag(problem.prior**-2.0)  # a prior is as uncertain as it says
-    identity = np.eye(len(x))
-    for rows in problem._rows:
-        own = jacobian[rows]
-        score = own.T @ residual[rows]
-        without = np.linalg.solve(identity - (own.T @ own) @ inverse, score)
-        meat += np.outer(without, without)
-    covariance: Floats = inverse @ meat @ inverse
-    return covariance
+def _sandwich(problem: _Problem, x: Floats) -> Sandwich:
+    windows, count = problem.windows, len(problem.windows.window)
+    residual, jacobian = problem.residuals(x)[:count], problem.jacobian(x)[:count]
+    apart_s = np.abs(windows.start_s[:, None] - windows.start_s)
+    adjacent = (windows.of[:, None] == windows.of) & (apart_s > 0.0) & (apart_s < 1.5 * windows.length_s)
+    return Sandwich.from_windows(residual, jacobian, problem._rows, adjacent.astype(np.float64), problem.prior)
