@@ -11,11 +11,13 @@ Between solutions, the noise of each quantity is estimated from its residuals, a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
 from sim_core.environment.spec import Water
@@ -48,6 +50,7 @@ _MOST_CHANGE = np.array([20.0, 20.0, 0.5, 1.0, 1.0, 0.5])
 """Largest correction of an initial state in a round."""
 _FAR, _FARTHEST = 1e3, 4.0
 _KEY_STEP, _DELAY_STEP_S, _WIND_STEP_MPS, _SMALL = 2e-3, 0.01, 0.05, 1e-5
+_COMMAND_STEP = 0.005
 _HUBER = 2.0
 _DELAY_OF = np.array([{"yaw": 0, "yaw_rate": 2}.get(name, 1) for name in NAMES])
 """Number in SHARED of the delay of each quantity. Yaw gives the time: 0 stands for none."""
@@ -103,6 +106,8 @@ class _Problem:
     wind: bool
     robust: bool
     evaluations: int = 0
+    rounding: Floats | None = None
+    """(M, C) change of the samples by a standard deviation of the rounding of each command; None for exact ones."""
     _rows: list[slice] = field(default_factory=list)
     _moved_at: bytes = b""
     _moved_kept: tuple[Floats, Floats, Floats] | None = None
@@ -133,6 +138,7 @@ class _Problem:
             change = np.linalg.lstsq(local[rows] * weight[rows], residual[rows], rcond=1e-9)[0]
             self.starts[window] -= np.clip(change, -_MOST_CHANGE, _MOST_CHANGE)
         self._moved_at = self._slopes_at = b""
+        self.rounding = self._rounding(x)
 
     def reweighted(self, x: Floats) -> dict[str, float]:
         """Weight the residuals at x anew, and return the noise of each quantity, robust."""
@@ -149,7 +155,11 @@ class _Problem:
         return noise
 
     def _projected(self, local: Floats, columns: Floats) -> Floats:
-        """Return columns without the part in the space of the initial states of their window."""
+        """Return columns without the part in the space of the initial states of their window.
+
+        The rounding of the commands is one more error of each window. Its part becomes smaller, as by the root of the
+        inverse covariance of all errors, I + G G^T.
+        """
         result = columns.copy()
         for rows in self._rows:
             # An orthonormal basis of the columns, with columns of 0 where they depend on each other
@@ -159,6 +169,11 @@ class _Problem:
             basis = np.zeros_like(of_states)
             basis[:, : len(values)] = left * kept
             result[rows] -= basis @ (basis.T @ columns[rows])
+            if self.rounding is not None:
+                of_commands = self.rounding[rows] * self.weight[rows, None]
+                of_commands -= basis @ (basis.T @ of_commands)
+                left, size, _ = np.linalg.svd(of_commands, full_matrices=False)
+                result[rows] -= (left * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ (left.T @ result[rows])
         return result
 
     # Simulated samples, without weights
@@ -213,14 +228,29 @@ class _Problem:
         self._slopes_at, self._slopes_kept = x.tobytes(), columns
         return columns
 
+    def _rounding(self, x: Floats) -> Floats | None:
+        """Return `rounding` at x."""
+        steps = np.array([own.command_step for own in self.windows.recordings])[self.windows.of[self.windows.window]]
+        if not steps.any():
+            return None
+        base = self._moved(x)[1]
+        slopes = [
+            self._slope(self._motion(x, self.starts[:, 2:], channel), x, base, _COMMAND_STEP)
+            for channel in range(self.windows.recordings[0].commands.shape[1])
+        ]
+        return np.stack(slopes, axis=1) * steps[:, None] / math.sqrt(12.0)
+
     def _slope(self, motion: Floats, other: Floats, base: Floats, step: float) -> Floats:
         return np.nan_to_num((self._measured(motion, other) - base) / step, posinf=0.0, neginf=0.0)
 
     # Simulation and measurement
-    def _motion(self, x: Floats, begin: Floats) -> Floats:
+    def _motion(self, x: Floats, begin: Floats, changed: int | None = None) -> Floats:
+        """Return the motion of all windows. changed: number of a command to increase by _COMMAND_STEP."""
         vessel = with_values(self.vessel, self.keys, x[: len(self.keys)])
         repeats = len(begin) // len(self.windows)
         commands = np.tile(self.windows.commands(float(x[len(self.keys)])), (repeats, 1, 1))
+        if changed is not None:
+            commands[:, :, changed] += _COMMAND_STEP
         wind = self.windows.wind() + self._of_windows(x)[:, None, _WIND:]
         return self.plant.motion(vessel, begin, commands, np.tile(wind, (repeats, 1, 1)))
 
@@ -244,9 +274,9 @@ def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats
     window, code = windows.window, windows.quantity
     offset_s = windows.offset_s - np.array([0.0, shared[1], shared[2]])[_DELAY_OF[code]]
     at = offset_s / OUTPUT_S
-    before = np.clip(at.astype(np.int64), 0, len(motion) - 2)
-    share = (at - before)[:, None]
-    state = (1.0 - share) * motion[before, window] + share * motion[before + 1, window]
+    state = _between(motion, window, at)
+    third = windows.width_s / OUTPUT_S / 3.0  # a mean of samples is compared with a mean
+    rate = (_between(motion, window, at - third) + state + _between(motion, window, at + third))[:, 5] / 3.0
     current, (yaw_bias, rate_bias) = nuisance[window, :2], nuisance[window, 2:4].T
     place = place_m[window] + state[:, :2] + current * offset_s[:, None]
     north, east = (state[:, 3:5] + current).T
@@ -258,7 +288,7 @@ def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats
         "yaw": lambda: shown_yaw,
         "vel_north": lambda: north,
         "vel_east": lambda: east,
-        "yaw_rate": lambda: state[:, 5] + rate_bias,
+        "yaw_rate": lambda: rate + rate_bias,
         "surge": lambda: cos * north + sin * east,
         "sway": lambda: cos * east - sin * north,
     }
@@ -266,6 +296,14 @@ def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats
     for number, name in enumerate(NAMES):
         own = code == number
         result[own] = of_quantity[name]()[own]
+    return result
+
+
+def _between(motion: Floats, window: NDArray[np.intp], at: Floats) -> Floats:
+    """Return the motion of windows between its instants, (M, 6)."""
+    before = np.clip(at.astype(np.int64), 0, len(motion) - 2)
+    share = (at - before)[:, None]
+    result: Floats = (1.0 - share) * motion[before, window] + share * motion[before + 1, window]
     return result
 
 

@@ -6,7 +6,7 @@ e_i and J_i are residuals and derivatives of window i, and P is the precision of
 of Liang and Zeger (1986). The root makes them unbiased for white residuals (CR2; Bell and McCaffrey 2002). k is
 Bartlett's kernel (Newey and West 1987): 1 for a window with itself, and a half for adjacent ones.
 
-Such a sum over few windows is uncertain itself. The standard error of a'x is therefore widened by the quantile of
+Such a sum over few windows is unof_prior itself. The standard error of a'x is therefore widened by the quantile of
 Student's t, so that two standard errors contain the truth in 95.4 % of cases. The degrees of freedom are those of
 Satterthwaite for white residuals (Bell and McCaffrey 2002; Imbens and Kolesar 2016).
 """

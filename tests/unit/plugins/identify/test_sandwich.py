@@ -66,7 +66,9 @@ def test_white_residuals_of_many_windows_have_the_error_of_the_textbook() -> Non
     sandwich = Sandwich.from_windows(residual, derivatives, rows, np.zeros((200, 200)), np.full(2, np.inf))
     textbook = np.linalg.inv(derivatives.T @ derivatives)
     slopes = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -1.0]])
-    assert sandwich.sigma(slopes) == pytest.approx(np.sqrt(np.einsum("fi,ij,fj->f", slopes, textbook, slopes)), rel=0.15)
+    assert sandwich.sigma(slopes) == pytest.approx(
+        np.sqrt(np.einsum("fi,ij,fj->f", slopes, textbook, slopes)), rel=0.15
+    )
     assert np.diag(sandwich.covariance()) == pytest.approx(np.diag(textbook), rel=0.3)
 
 
