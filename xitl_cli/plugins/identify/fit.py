@@ -26,7 +26,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.free_keys import FreeKey, priors, with_values
 from xitl_cli.plugins.identify.recording import QUANTITIES, Floats
 from xitl_cli.plugins.identify.sandwich import Sandwich
-from xitl_cli.plugins.identify.windows import NAMES, OF_POSITION, OUTPUT_S, Simulator, Windows
+from xitl_cli.plugins.identify.windows import COMMAND_S, NAMES, OF_POSITION, OUTPUT_S, Simulator, Windows
 
 SHARED = (("command delay", "s", 0.1), ("delay of position and velocity", "s", 0.1), ("delay of yaw rate", "s", 0.02))
 OF_RECORDING = (
@@ -50,7 +50,7 @@ _MOST_CHANGE = np.array([20.0, 20.0, 0.5, 1.0, 1.0, 0.5])
 """Largest correction of an initial state in a round."""
 _FAR, _FARTHEST = 1e3, 4.0
 _KEY_STEP, _DELAY_STEP_S, _WIND_STEP_MPS, _SMALL = 2e-3, 0.01, 0.05, 1e-5
-_COMMAND_STEP = 0.005
+_COMMAND_STEP, _HELD_S = 0.005, 1.0
 _HUBER = 2.0
 _DELAY_OF = np.array([{"yaw": 0, "yaw_rate": 2}.get(name, 1) for name in NAMES])
 """Number in SHARED of the delay of each quantity. Yaw gives the time: 0 stands for none."""
@@ -230,27 +230,50 @@ class _Problem:
 
     def _rounding(self, x: Floats) -> Floats | None:
         """Return `rounding` at x."""
-        steps = np.array([own.command_step for own in self.windows.recordings])[self.windows.of[self.windows.window]]
+        steps = self._command_steps()
         if not steps.any():
             return None
-        base = self._moved(x)[1]
-        slopes = [
-            self._slope(self._motion(x, self.starts[:, 2:], channel), x, base, _COMMAND_STEP)
-            for channel in range(self.windows.recordings[0].commands.shape[1])
-        ]
-        return np.stack(slopes, axis=1) * steps[:, None] / math.sqrt(12.0)
+        channels = np.eye(self.windows.recordings[0].commands.shape[1])
+        return np.stack([self._of_rounding(x, own) for own in channels], axis=1)
+
+    def rounding_scores(self, x: Floats) -> Floats:
+        """Return the scores (K, P + Q) of the rounding of each value that a command is held at: one error for all."""
+        jacobian, commands, steps = (
+            self.jacobian(x)[: len(self.weight)],
+            self.windows.commands(0.0),
+            self._command_steps(),
+        )
+        scores = [np.zeros((0, len(x)))]
+        for number in np.unique(self.windows.of) if steps.any() else ():
+            own = (self.windows.of == number)[:, None]
+            for channel in range(commands.shape[2]):
+                value = commands[:, :, channel]
+                held, counts = np.unique(np.round(value[np.broadcast_to(own, value.shape)], 6), return_counts=True)
+                for level in held[(counts * COMMAND_S > _HELD_S) & (np.abs(held) < 1.0)]:
+                    changed = np.zeros_like(commands)
+                    changed[:, :, channel] = own & (np.abs(value - level) < 1e-5)
+                    slope = self._projected(self._moved(x)[2], (self._of_rounding(x, changed) * self.weight)[:, None])
+                    scores.append(slope.T @ jacobian)
+        return np.concatenate(scores)
+
+    def _command_steps(self) -> Floats:
+        """Return the resolution of the commands of each sample, (M,)."""
+        return np.array([own.command_step for own in self.windows.recordings])[self.windows.of[self.windows.window]]
+
+    def _of_rounding(self, x: Floats, changed: Floats) -> Floats:
+        """Return the change (M,) of the samples by a standard deviation of the rounding of the changed commands."""
+        motion = self._motion(x, self.starts[:, 2:], _COMMAND_STEP * changed)
+        return self._slope(motion, x, self._moved(x)[1], _COMMAND_STEP) * self._command_steps() / math.sqrt(12.0)
 
     def _slope(self, motion: Floats, other: Floats, base: Floats, step: float) -> Floats:
         return np.nan_to_num((self._measured(motion, other) - base) / step, posinf=0.0, neginf=0.0)
 
     # Simulation and measurement
-    def _motion(self, x: Floats, begin: Floats, changed: int | None = None) -> Floats:
-        """Return the motion of all windows. changed: number of a command to increase by _COMMAND_STEP."""
+    def _motion(self, x: Floats, begin: Floats, added: Floats | float = 0.0) -> Floats:
+        """Return the motion of all windows. added: to the commands."""
         vessel = with_values(self.vessel, self.keys, x[: len(self.keys)])
         repeats = len(begin) // len(self.windows)
-        commands = np.tile(self.windows.commands(float(x[len(self.keys)])), (repeats, 1, 1))
-        if changed is not None:
-            commands[:, :, changed] += _COMMAND_STEP
+        commands = np.tile(self.windows.commands(float(x[len(self.keys)])) + added, (repeats, 1, 1))
         wind = self.windows.wind() + self._of_windows(x)[:, None, _WIND:]
         return self.plant.motion(vessel, begin, commands, np.tile(wind, (repeats, 1, 1)))
 
@@ -374,4 +397,5 @@ def _sandwich(problem: _Problem, x: Floats) -> Sandwich:
     residual, jacobian = problem.residuals(x)[:count], problem.jacobian(x)[:count]
     apart_s = np.abs(windows.start_s[:, None] - windows.start_s)
     adjacent = (windows.of[:, None] == windows.of) & (apart_s > 0.0) & (apart_s < 1.5 * windows.length_s)
-    return Sandwich.from_windows(residual, jacobian, problem._rows, adjacent.astype(np.float64), problem.prior)
+    shared = problem.rounding_scores(x)
+    return Sandwich.from_windows(residual, jacobian, problem._rows, adjacent.astype(np.float64), problem.prior, shared)
