@@ -234,17 +234,16 @@ class _Problem:
         if not steps.any():
             return None
         channels = np.eye(self.windows.recordings[0].commands.shape[1])
-        return np.stack([self._of_rounding(x, own) for own in channels], axis=1)
+        rounding: Floats = np.stack([self._of_rounding(x, own) for own in channels], axis=1)
+        return rounding
 
     def rounding_scores(self, x: Floats) -> Floats:
         """Return the scores (K, P + Q) of the rounding of each value that a command is held at: one error for all."""
-        jacobian, commands, steps = (
-            self.jacobian(x)[: len(self.weight)],
-            self.windows.commands(0.0),
-            self._command_steps(),
-        )
         scores = [np.zeros((0, len(x)))]
-        for number in np.unique(self.windows.of) if steps.any() else ():
+        if not self._command_steps().any():
+            return scores[0]
+        jacobian, commands = self.jacobian(x)[: len(self.weight)], self.windows.commands(0.0)
+        for number in np.unique(self.windows.of):
             own = (self.windows.of == number)[:, None]
             for channel in range(commands.shape[2]):
                 value = commands[:, :, channel]
