@@ -15,7 +15,7 @@ SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ON
 SIDE_BY_SIDE := -n auto --dist loadscope --no-loadscope-reorder
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-medium test-slow test-realtime test-nightly checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
+.PHONY: run package test test-fast test-medium test-slow test-realtime test-nightly checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze bench-identify figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -143,6 +143,9 @@ bench-pages: $(VENV)/.dev  ## keep the results in KEEP=file, and write the table
 bench-analyze: $(VENV)/.dev  ## how often `xitl logs analyze` names the right cause (SEEDS=first-last, ONLY=word, OUT=file), or keep the results in KEEP=file
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench.analyze $(if $(SEEDS),--seeds $(SEEDS)) $(if $(ONLY),--only "$(ONLY)") \
 		$(if $(OUT),--out "$(OUT)") $(if $(KEEP),--keep "$(KEEP)")
+
+bench-identify: $(VENV)/.dev  ## errors of `xitl identify vessel`, and how often two standard errors contain the truth (SEEDS=first-last)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench.identify $(if $(SEEDS),--seeds $(SEEDS))
 
 figures: $(VENV)/.dev  ## the three environments with twenty seeds each, and their table in docs/figures.md
 	$(BIN)/xitl campaign environments --out runs/figures --report || test $$? = 1

@@ -7,6 +7,7 @@ state = step(simulation, state, command, rng)
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from sim_core.rows import Rows, with_rows
 from sim_core.state_class import state_class
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.condition import Condition
+from sim_core.vessel.confined_water import felt_depth_m
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
 from sim_core.world import waterway as waterways
@@ -32,6 +34,8 @@ from sim_core.world.waterway import OPEN_WATER, STILL, Afloat, StepTimes, WaterM
 
 # Current, gusts and the waves' mean force change over seconds and are sampled exactly at any step. 50 Hz is sufficient.
 DRIFT_NS = 20_000_000
+BOTTOM_SHARE = 0.02
+"""Change of depth, as a share, from which forces are computed anew."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +53,8 @@ class Simulation:
     """Update period of current, gusts and the waves' mean force: a whole number of steps."""
     outline: Outline
     waterway: Waterway = OPEN_WATER
+    bottom_m: float | None = None
+    """Depth over the bed below the vessel; None for the depth of the environment's water."""
 
     @classmethod
     def from_spec(
@@ -78,6 +84,26 @@ class Simulation:
     def why_numpy(self) -> str | None:
         """Reason why the steps run in numpy, None if they run compiled."""
         return self.motion.why_numpy
+
+    @property
+    def depth_m(self) -> float:
+        """Depth of the water that the vessel feels."""
+        return self.environment.water.depth_m if self.bottom_m is None else self.bottom_m
+
+    def over_bed(self, state: SimulationState) -> Simulation:
+        """Return the simulation of a single vessel over the bed below it; this one if the bed is as deep as before.
+
+        Depth counts as the same within BOTTOM_SHARE, and everywhere where it has no effect. Tide is left out.
+        """
+        bed, vessel, water = self.waterway.bed, self.vessel, self.environment.water
+        if bed is None or not vessel.model.confined_water:
+            return self
+        below_m = float(bed.bed_down_m(state.vessel.motion.pos_ned_m[0, :2])) + water.level_m
+        depth_m, before_m = (felt_depth_m(vessel.model, vessel.rest, own) for own in (below_m, self.depth_m))
+        if depth_m == before_m or abs(depth_m - before_m) < BOTTOM_SHARE * before_m < math.inf:
+            return self
+        motion = MotionStep(vessel.over_bottom(water, depth_m), self.hull_waves)
+        return replace(self, motion=motion, bottom_m=depth_m)
 
     def in_environment(self, environment: Environment) -> Simulation:
         """Return the same vessel in another environment of the same water."""

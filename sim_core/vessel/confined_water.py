@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_core.environment.spec import GRAVITY_MPS2, Water
+from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.frames import Array
 from sim_core.vessel.floating import FloatingPose
 from sim_core.vessel.spec import VesselSpec
@@ -65,23 +65,28 @@ class ConfinedWater:
         return share
 
 
-def confined_water(model: VesselSpec, water: Water, rest: FloatingPose) -> ConfinedWater | None:
+def felt_depth_m(model: VesselSpec, rest: FloatingPose, depth_m: float) -> float:
+    """Return the depth for `confined_water`: infinite where it has no effect, not below the range of the factors."""
+    if not model.confined_water or depth_m >= max(DEEP * rest.draft_m, DEEP_OF_LENGTH * model.length_m):
+        return math.inf
+    return max(depth_m, SHALLOWEST * rest.draft_m)
+
+
+def confined_water(model: VesselSpec, depth_m: float, rest: FloatingPose) -> ConfinedWater | None:
     """Return the effects of the bottom; None in deep water, or for a vessel without `confined_water`."""
-    ratio = water.depth_m / rest.draft_m
-    sinks = water.depth_m < DEEP_OF_LENGTH * model.length_m
+    ratio = depth_m / rest.draft_m
+    sinks = depth_m < DEEP_OF_LENGTH * model.length_m
     if not model.confined_water or (ratio >= DEEP and not sinks):
         return None
     damping = np.ones((6, 6))
     if ratio >= DEEP:
-        return ConfinedWater(1.0, damping, 1.0, 1.0, sinks, water.depth_m, rest, model.length_m)
+        return ConfinedWater(1.0, damping, 1.0, 1.0, sinks, depth_m, rest, model.length_m)
     damping[[_Y, _Y, _P], [_V, _P, _V]] = aspect_factor(ratio, 2.3)
     damping[_N, [_V, _P]] = aspect_factor(ratio, 1.7)
     damping[[_Y, _P, _N], _R] = aspect_factor(ratio, 0.7)
     damping[_U, _U] = resistance_factor(ratio)
     mass, turn_in_drift = added_mass_factor(ratio), turn_in_drift_factor(ratio)
-    return ConfinedWater(
-        mass, damping, turn_in_drift, float(damping[_U, _U]), sinks, water.depth_m, rest, model.length_m
-    )
+    return ConfinedWater(mass, damping, turn_in_drift, float(damping[_U, _U]), sinks, depth_m, rest, model.length_m)
 
 
 def added_mass_factor(ratio: float) -> float:

@@ -564,7 +564,7 @@ class VesselSpec(Specification):
     ] = None
     confined_water: Annotated[
         bool,
-        "effects of a bottom near the keel, from `environment.water.depth_m`: "
+        "effects of a bottom near the keel, from the depth below it: "
         "[vessel.md](vessel.md#shallow-water); false: deep water",
     ] = True
     propellers: Annotated[tuple[Propeller, ...], Items(1, 16), "port first, then starboard"]

@@ -136,7 +136,7 @@ class Vessel:
         buoyancy = make_buoyancy(model, water)
         rest = floating_pose(model, water, buoyancy)
         panel_tables_of(model, rest.depth_m)  # its errors come before the first wave
-        confined = confined_water(model, water, rest)
+        confined = confined_water(model, water.depth_m, rest)
         hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, rest.draft_m, confined)
         vessel = cls(
             model=model,
@@ -153,6 +153,12 @@ class Vessel:
         )._with_forces(FLAT)
         check_step_length(lambda states: _acceleration_off_rest(vessel, states), dt_s)
         return vessel.in_waves(waves, water)
+
+    def over_bottom(self, water: Water, depth_m: float) -> Vessel:
+        """Return the same vessel in the same water over a bottom at another depth. Its waves stay those of before."""
+        confined = confined_water(self.model, depth_m, self.rest)
+        hydrodynamics = Hydrodynamics.from_spec(self.model, water.density_kgpm3, self.rest.draft_m, confined)
+        return replace(self, hydrodynamics=hydrodynamics)._with_forces(self.wave_forces)
 
     def in_waves(self, waves: WaveField | FlatWater, water: Water) -> Vessel:
         """Return the same vessel in another sea of the same water."""

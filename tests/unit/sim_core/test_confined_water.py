@@ -16,7 +16,11 @@ from sim_core.motion import Influences, MotionStep, move
 from sim_core.simulation import Simulation, SimulationState, initial, step
 from sim_core.vessel.confined_water import added_mass_factor, aspect_factor, resistance_factor
 from sim_core.vessel.spec import VesselSpec
+from sim_core.world.plan import Capsules
+from sim_core.world.river import Bed, FlatBed
+from sim_core.world.waterway import Waterway
 from xitl_cli.profile import load_profile
+from xitl_cli.run.world.plant import Plant
 
 DEEP_M = 1000.0
 DT_S = 0.01
@@ -151,3 +155,57 @@ def test_the_compiled_step_is_that_in_numpy(name: str) -> None:
     assert motion_step.why_numpy is None
     assert compiled.vel_ned_mps == pytest.approx(in_numpy.vel_ned_mps, abs=1e-9)
     assert compiled.gyro_frd_radps == pytest.approx(in_numpy.gyro_frd_radps, abs=1e-9)
+
+
+class SlopingBed:
+    """A bed that rises to the north, from 3 m below the origin by 0.3 m in a metre, to 0.4 m."""
+
+    def bed_down_m(self, north_east_m: Array) -> Array:
+        return np.maximum(3.0 - 0.3 * north_east_m[..., 0], 0.4)
+
+    def gradient(self, north_east_m: Array) -> Array:
+        return np.stack([np.full(north_east_m.shape[:-1], -0.3), np.zeros(north_east_m.shape[:-1])], axis=-1)
+
+
+def sailed_over(bed: Bed, seconds: float, depth_m: float = DEEP_M) -> Plant:
+    """Sail an Otter ahead from the origin over a bed, in water that the environment calls deep."""
+    simulation = over_bottom(shipped("otter"), depth_m)
+    simulation = replace(simulation, waterway=Waterway(Capsules.joined(()), bed, contact=False))
+    rng = np.random.default_rng(0)
+    plant = Plant(simulation, initial(simulation, np.zeros((1, 2)), np.zeros(1), rng), rng)
+    for _ in range(round(seconds / DT_S)):
+        plant.advance([0.5, 0.5])
+    return plant
+
+
+@pytest.mark.medium
+def test_a_vessel_feels_the_depth_below_it() -> None:
+    draft_m = over_bottom(shipped("otter"), DEEP_M).vessel.rest.draft_m
+    speed = {}
+    for name, plant in (
+        ("deep", sailed_over(FlatBed(50.0), 8.0)),
+        ("flat", sailed_over(FlatBed(1.5 * draft_m), 8.0)),
+        ("environment", sailed_over(FlatBed(1.5 * draft_m), 8.0, depth_m=1.5 * draft_m)),
+    ):
+        state, simulation = plant.state, plant.simulation
+        assert isinstance(state, SimulationState)
+        assert isinstance(simulation, Simulation)
+        speed[name] = float(state.vessel.motion.vel_ned_mps[0, 0])
+        assert simulation.depth_m == (DEEP_M if name == "deep" else pytest.approx(1.5 * draft_m))
+    assert speed["flat"] == pytest.approx(speed["environment"], rel=1e-9)
+    assert speed["flat"] < 0.97 * speed["deep"]
+
+
+@pytest.mark.medium
+def test_a_vessel_slows_down_over_a_rising_bed_and_recovers_where_it_is_deep() -> None:
+    plant = sailed_over(SlopingBed(), 15.0)
+    state, simulation = plant.state, plant.simulation
+    assert isinstance(state, SimulationState)
+    assert isinstance(simulation, Simulation)
+    below_m = float(SlopingBed().bed_down_m(state.vessel.motion.pos_ned_m[0, :2]))
+    assert simulation.depth_m == pytest.approx(below_m, rel=0.021)
+    assert simulation.over_bed(state) is simulation
+    back = replace(state.vessel.motion, pos_ned_m=np.array([[-20.0, 0.0, 0.0]]))
+    deep = simulation.over_bed(replace(state, vessel=replace(state.vessel, motion=back)))
+    before = over_bottom(shipped("otter"), DEEP_M).vessel
+    assert deep.vessel.acceleration_per_term == pytest.approx(before.acceleration_per_term, rel=0.0, abs=0.0)

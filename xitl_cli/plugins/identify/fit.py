@@ -6,17 +6,18 @@ each recording, the delay of the commands and of the position. Windows do not ha
 windows do not become errors of the model, as they would in one long simulation.
 
 Between solutions, the noise of each quantity is estimated from its residuals, and large residuals get Huber's weights.
-Standard errors are those of a jackknife over windows (CR3; Bell and McCaffrey 2002), because residuals within a window
-are correlated.
+`sandwich.py` has the standard errors.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
 from sim_core.environment.spec import Water
@@ -24,7 +25,8 @@ from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.free_keys import FreeKey, priors, with_values
 from xitl_cli.plugins.identify.recording import QUANTITIES, Floats
-from xitl_cli.plugins.identify.windows import NAMES, OF_POSITION, OUTPUT_S, Simulator, Windows
+from xitl_cli.plugins.identify.sandwich import Sandwich
+from xitl_cli.plugins.identify.windows import COMMAND_S, NAMES, OF_POSITION, OUTPUT_S, Simulator, Windows
 
 SHARED = (("command delay", "s", 0.1), ("delay of position and velocity", "s", 0.1), ("delay of yaw rate", "s", 0.02))
 OF_RECORDING = (
@@ -48,6 +50,7 @@ _MOST_CHANGE = np.array([20.0, 20.0, 0.5, 1.0, 1.0, 0.5])
 """Largest correction of an initial state in a round."""
 _FAR, _FARTHEST = 1e3, 4.0
 _KEY_STEP, _DELAY_STEP_S, _WIND_STEP_MPS, _SMALL = 2e-3, 0.01, 0.05, 1e-5
+_COMMAND_STEP, _HELD_S = 0.005, 1.0
 _HUBER = 2.0
 _DELAY_OF = np.array([{"yaw": 0, "yaw_rate": 2}.get(name, 1) for name in NAMES])
 """Number in SHARED of the delay of each quantity. Yaw gives the time: 0 stands for none."""
@@ -64,8 +67,8 @@ class Fit:
     """The vehicle with the fitted values."""
     x: Floats
     """(P + Q,) keys as in FreeKey, then SHARED, then OF_RECORDING for each recording."""
-    covariance: Floats
-    """(P + Q, P + Q)."""
+    sandwich: Sandwich
+    """Of the P + Q values of x."""
     prior: Floats
     """(P + Q,) standard deviations before the fit."""
     noise: dict[str, float]
@@ -79,8 +82,7 @@ class Fit:
     @property
     def sigma(self) -> Floats:
         """Standard errors of x."""
-        root: Floats = np.sqrt(np.diag(self.covariance))
-        return root
+        return self.sandwich.sigma(np.eye(len(self.x)))
 
     def nuisance(self, number: int) -> Floats:
         """Return SHARED and OF_RECORDING of one recording."""
@@ -104,6 +106,8 @@ class _Problem:
     wind: bool
     robust: bool
     evaluations: int = 0
+    rounding: Floats | None = None
+    """(M, C) change of the samples by a standard deviation of the rounding of each command; None for exact ones."""
     _rows: list[slice] = field(default_factory=list)
     _moved_at: bytes = b""
     _moved_kept: tuple[Floats, Floats, Floats] | None = None
@@ -134,6 +138,7 @@ class _Problem:
             change = np.linalg.lstsq(local[rows] * weight[rows], residual[rows], rcond=1e-9)[0]
             self.starts[window] -= np.clip(change, -_MOST_CHANGE, _MOST_CHANGE)
         self._moved_at = self._slopes_at = b""
+        self.rounding = self._rounding(x)
 
     def reweighted(self, x: Floats) -> dict[str, float]:
         """Weight the residuals at x anew, and return the noise of each quantity, robust."""
@@ -150,7 +155,11 @@ class _Problem:
         return noise
 
     def _projected(self, local: Floats, columns: Floats) -> Floats:
-        """Return columns without the part in the space of the initial states of their window."""
+        """Return columns without the part in the space of the initial states of their window.
+
+        The rounding of the commands is one more error of each window. Its part becomes smaller, as by the root of the
+        inverse covariance of all errors, I + G G^T.
+        """
         result = columns.copy()
         for rows in self._rows:
             # An orthonormal basis of the columns, with columns of 0 where they depend on each other
@@ -160,6 +169,11 @@ class _Problem:
             basis = np.zeros_like(of_states)
             basis[:, : len(values)] = left * kept
             result[rows] -= basis @ (basis.T @ columns[rows])
+            if self.rounding is not None:
+                of_commands = self.rounding[rows] * self.weight[rows, None]
+                of_commands -= basis @ (basis.T @ of_commands)
+                left, size, _ = np.linalg.svd(of_commands, full_matrices=False)
+                result[rows] -= (left * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ (left.T @ result[rows])
         return result
 
     # Simulated samples, without weights
@@ -214,14 +228,51 @@ class _Problem:
         self._slopes_at, self._slopes_kept = x.tobytes(), columns
         return columns
 
+    def _rounding(self, x: Floats) -> Floats | None:
+        """Return `rounding` at x."""
+        steps = self._command_steps()
+        if not steps.any():
+            return None
+        channels = np.eye(self.windows.recordings[0].commands.shape[1])
+        rounding: Floats = np.stack([self._of_rounding(x, own) for own in channels], axis=1)
+        return rounding
+
+    def rounding_scores(self, x: Floats) -> Floats:
+        """Return the scores (K, P + Q) of the rounding of each value that a command is held at: one error for all."""
+        scores = [np.zeros((0, len(x)))]
+        if not self._command_steps().any():
+            return scores[0]
+        jacobian, commands = self.jacobian(x)[: len(self.weight)], self.windows.commands(0.0)
+        for number in np.unique(self.windows.of):
+            own = (self.windows.of == number)[:, None]
+            for channel in range(commands.shape[2]):
+                value = commands[:, :, channel]
+                held, counts = np.unique(np.round(value[np.broadcast_to(own, value.shape)], 6), return_counts=True)
+                for level in held[(counts * COMMAND_S > _HELD_S) & (np.abs(held) < 1.0)]:
+                    changed = np.zeros_like(commands)
+                    changed[:, :, channel] = own & (np.abs(value - level) < 1e-5)
+                    slope = self._projected(self._moved(x)[2], (self._of_rounding(x, changed) * self.weight)[:, None])
+                    scores.append(slope.T @ jacobian)
+        return np.concatenate(scores)
+
+    def _command_steps(self) -> Floats:
+        """Return the resolution of the commands of each sample, (M,)."""
+        return np.array([own.command_step for own in self.windows.recordings])[self.windows.of[self.windows.window]]
+
+    def _of_rounding(self, x: Floats, changed: Floats) -> Floats:
+        """Return the change (M,) of the samples by a standard deviation of the rounding of the changed commands."""
+        motion = self._motion(x, self.starts[:, 2:], _COMMAND_STEP * changed)
+        return self._slope(motion, x, self._moved(x)[1], _COMMAND_STEP) * self._command_steps() / math.sqrt(12.0)
+
     def _slope(self, motion: Floats, other: Floats, base: Floats, step: float) -> Floats:
         return np.nan_to_num((self._measured(motion, other) - base) / step, posinf=0.0, neginf=0.0)
 
     # Simulation and measurement
-    def _motion(self, x: Floats, begin: Floats) -> Floats:
+    def _motion(self, x: Floats, begin: Floats, added: Floats | float = 0.0) -> Floats:
+        """Return the motion of all windows. added: to the commands."""
         vessel = with_values(self.vessel, self.keys, x[: len(self.keys)])
         repeats = len(begin) // len(self.windows)
-        commands = np.tile(self.windows.commands(float(x[len(self.keys)])), (repeats, 1, 1))
+        commands = np.tile(self.windows.commands(float(x[len(self.keys)])) + added, (repeats, 1, 1))
         wind = self.windows.wind() + self._of_windows(x)[:, None, _WIND:]
         return self.plant.motion(vessel, begin, commands, np.tile(wind, (repeats, 1, 1)))
 
@@ -245,9 +296,9 @@ def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats
     window, code = windows.window, windows.quantity
     offset_s = windows.offset_s - np.array([0.0, shared[1], shared[2]])[_DELAY_OF[code]]
     at = offset_s / OUTPUT_S
-    before = np.clip(at.astype(np.int64), 0, len(motion) - 2)
-    share = (at - before)[:, None]
-    state = (1.0 - share) * motion[before, window] + share * motion[before + 1, window]
+    state = _between(motion, window, at)
+    third = windows.width_s / OUTPUT_S / 3.0  # a mean of samples is compared with a mean
+    rate = (_between(motion, window, at - third) + state + _between(motion, window, at + third))[:, 5] / 3.0
     current, (yaw_bias, rate_bias) = nuisance[window, :2], nuisance[window, 2:4].T
     place = place_m[window] + state[:, :2] + current * offset_s[:, None]
     north, east = (state[:, 3:5] + current).T
@@ -259,7 +310,7 @@ def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats
         "yaw": lambda: shown_yaw,
         "vel_north": lambda: north,
         "vel_east": lambda: east,
-        "yaw_rate": lambda: state[:, 5] + rate_bias,
+        "yaw_rate": lambda: rate + rate_bias,
         "surge": lambda: cos * north + sin * east,
         "sway": lambda: cos * east - sin * north,
     }
@@ -267,6 +318,14 @@ def measured(windows: Windows, motion: Floats, place_m: Floats, nuisance: Floats
     for number, name in enumerate(NAMES):
         own = code == number
         result[own] = of_quantity[name]()[own]
+    return result
+
+
+def _between(motion: Floats, window: NDArray[np.intp], at: Floats) -> Floats:
+    """Return the motion of windows between its instants, (M, 6)."""
+    before = np.clip(at.astype(np.int64), 0, len(motion) - 2)
+    share = (at - before)[:, None]
+    result: Floats = (1.0 - share) * motion[before, window] + share * motion[before + 1, window]
     return result
 
 
@@ -317,23 +376,25 @@ def fit(
             of_quantity = problem.reweighted(x)
         elif moved.max() < _SETTLED:
             break
-    covariance = _covariance(problem, x)
     fitted = with_values(vessel, keys, x[: len(keys)])
     return Fit(
-        tuple(keys), fitted, x, covariance, prior, of_quantity, windows, problem.starts, number, problem.evaluations
+        tuple(keys),
+        fitted,
+        x,
+        _sandwich(problem, x),
+        prior,
+        of_quantity,
+        windows,
+        problem.starts,
+        number,
+        problem.evaluations,
     )
 
 
-def _covariance(problem: _Problem, x: Floats) -> Floats:
-    """Return the covariance by a jackknife over windows, with the priors as further observations."""
-    residual, jacobian = problem.residuals(x), problem.jacobian(x)
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
-    meat = np.diag(problem.prior**-2.0)  # a prior is as uncertain as it says
-    identity = np.eye(len(x))
-    for rows in problem._rows:
-        own = jacobian[rows]
-        score = own.T @ residual[rows]
-        without = np.linalg.solve(identity - (own.T @ own) @ inverse, score)
-        meat += np.outer(without, without)
-    covariance: Floats = inverse @ meat @ inverse
-    return covariance
+def _sandwich(problem: _Problem, x: Floats) -> Sandwich:
+    windows, count = problem.windows, len(problem.windows.window)
+    residual, jacobian = problem.residuals(x)[:count], problem.jacobian(x)[:count]
+    apart_s = np.abs(windows.start_s[:, None] - windows.start_s)
+    adjacent = (windows.of[:, None] == windows.of) & (apart_s > 0.0) & (apart_s < 1.5 * windows.length_s)
+    shared = problem.rounding_scores(x)
+    return Sandwich.from_windows(residual, jacobian, problem._rows, adjacent.astype(np.float64), problem.prior, shared)

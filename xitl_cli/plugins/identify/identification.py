@@ -159,13 +159,17 @@ def identify(
     predictor = Predictor(around, before, LinearModel.from_recordings(training), water)
     own_scores, predictions = scores(predictor, testing)
     _check_follows(own_scores)
+    sigma = fitted.sigma
     return Identification(
         start,
         fitted.vessel,
-        tuple(_estimate(key, fitted, number) for number, key in enumerate(keys)),
+        tuple(
+            _estimate(key, float(x), float(error), float(prior))
+            for key, x, error, prior in zip(keys, fitted.x, sigma, fitted.prior, strict=False)
+        ),
         figures(fitted, start, water, reached_speeds(training)),
         tuple(_correlated(fitted)),
-        tuple(_nuisance(fitted, windows)),
+        tuple(_nuisance(fitted, sigma, windows)),
         fitted.noise,
         tuple(own.source for own in training),
         tuple(own.source for own in testing),
@@ -191,19 +195,19 @@ def _check_follows(found: Sequence[Score]) -> None:
         )
 
 
-def _estimate(key: FreeKey, fitted: Fit, number: int) -> KeyEstimate:
-    x, sigma = float(fitted.x[number]), float(fitted.sigma[number])
+def _estimate(key: FreeKey, x: float, sigma: float, prior: float) -> KeyEstimate:
     value, error = key.value(x), abs(key.slope(x)) * sigma
     advice = ""
-    if error > UNDETERMINED * abs(value) or abs(x) > _RAN_AWAY * fitted.prior[number]:
+    if error > UNDETERMINED * abs(value) or abs(x) > _RAN_AWAY * prior:
         fitting = (manoeuvre for parts, manoeuvre in _MANOEUVRES if any(part in key.key for part in parts))
         advice = next(fitting, "vary what this key acts on more, and fix it with --fix until then")
     return KeyEstimate(key.key, key.start, value, error, advice)
 
 
 def _correlated(fitted: Fit) -> list[tuple[str, str, float]]:
-    count, sigma = len(fitted.keys), fitted.sigma
-    correlation = fitted.covariance / np.outer(sigma, sigma)
+    count, covariance = len(fitted.keys), fitted.sandwich.covariance()
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
     return [
         (fitted.keys[i].key, fitted.keys[j].key, float(correlation[i, j]))
         for i in range(count)
@@ -212,8 +216,8 @@ def _correlated(fitted: Fit) -> list[tuple[str, str, float]]:
     ]
 
 
-def _nuisance(fitted: Fit, windows: Windows) -> list[tuple[str, str, float, float, str]]:
-    count, sigma = len(fitted.keys), fitted.sigma
+def _nuisance(fitted: Fit, sigma: Floats, windows: Windows) -> list[tuple[str, str, float, float, str]]:
+    count = len(fitted.keys)
     rows = [
         ("all", name, float(fitted.x[count + number]), float(sigma[count + number]), unit)
         for number, (name, unit, _) in enumerate(SHARED)
@@ -267,12 +271,12 @@ def figures(fit: Fit, start: VesselSpec, water: Water, speeds: Floats) -> tuple[
     """Return the figures of a fit with their standard errors. start: the vehicle before the fit."""
     count = len(fit.keys)
     values = plane_figures(fit.vessel, water, speeds)
-    slopes = np.zeros((len(values), count))
+    slopes = np.zeros((len(values), len(fit.x)))
     for column in range(count):
         x = fit.x[:count].copy()
         x[column] += _STEP
         slopes[:, column] = (plane_figures(with_values(start, fit.keys, x), water, speeds) - values) / _STEP
-    sigma = np.sqrt(np.diag(slopes @ fit.covariance[:count, :count] @ slopes.T))
+    sigma = fit.sandwich.sigma(slopes)
     inertia = [f"inertia in {name}" for name, *_ in AXES]
     of_speed = zip(AXES, speeds, ("m/s", "m/s", "rad/s"), strict=True)
     damping = [f"damping in {axis[0]} at {speed:.2g} {unit}" for axis, speed, unit in of_speed]

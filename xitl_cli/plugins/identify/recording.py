@@ -41,6 +41,8 @@ class Samples:
     """(M,) rising."""
     values: Floats
     """(M,)."""
+    width_s: float = 0.0
+    """Time of which each sample is the mean."""
 
     def at(self, time_s: Floats) -> Floats:
         """Linear interpolation at (K,) instants."""
@@ -59,13 +61,15 @@ def channel(time_s: Floats, values: Floats, *, average: bool = False) -> Samples
     if len(time_s) < 2:
         return Samples(time_s, values)
     rate_hz = _AVERAGED_HZ if average else _SAMPLES_HZ
-    every = max(round(1.0 / rate_hz / float(np.median(np.diff(time_s)))), 1)
+    interval_s = float(np.median(np.diff(time_s)))
+    every = max(round(1.0 / rate_hz / interval_s), 1)
     if every == 1:
         return Samples(time_s, values)
     if not average:
         return Samples(time_s[::every], values[::every])
     whole = len(time_s) // every * every
-    return Samples(time_s[:whole].reshape(-1, every).mean(axis=1), values[:whole].reshape(-1, every).mean(axis=1))
+    means = [own[:whole].reshape(-1, every).mean(axis=1) for own in (time_s, values)]
+    return Samples(means[0], means[1], every * interval_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +85,8 @@ class Recording:
     """(K, C) in [-1, 1], in the order of the vessel."""
     wind_ne_mps: tuple[Samples, Samples] | None = None
     """Velocity of the air over ground, north and east, where it was measured."""
+    command_step: float = 0.0
+    """Resolution of the commands, such as 1 µs as a share of the span; 0 for exact ones."""
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -89,12 +95,24 @@ class Recording:
         last = min(float(self.command_s[-1]), *(float(own.time_s[-1]) for own in self.channels.values()))
         return first, last
 
+    @property
+    def longest_part_s(self) -> float:
+        """Length of the longest part without a gap in a channel."""
+        first_s, last_s = self.span_s
+        edges = [np.array([first_s, last_s])]
+        for own in self.channels.values():
+            gaps = np.flatnonzero(np.diff(own.time_s) > _GAP_S)
+            edges += [own.time_s[gaps], own.time_s[gaps + 1]]
+        inside = np.unique(np.clip(np.concatenate(edges), first_s, last_s))
+        whole = ~self.broken(0.5 * (inside[1:] + inside[:-1]), 0.0)
+        return float(np.diff(inside)[whole].max(initial=0.0))
+
     def part(self, from_s: float, until_s: float) -> Recording:
         """Return the recording between two instants."""
         channels = {}
         for name, own in self.channels.items():
             rows = slice(*np.searchsorted(own.time_s, (from_s, until_s)))
-            channels[name] = Samples(own.time_s[rows], own.values[rows])
+            channels[name] = replace(own, time_s=own.time_s[rows], values=own.values[rows])
         first, last = np.searchsorted(self.command_s, (from_s, until_s))
         rows = slice(max(int(first) - 1, 0), int(last) + 1)
         return replace(self, channels=channels, command_s=self.command_s[rows], commands=self.commands[rows])
@@ -162,6 +180,8 @@ _LEAST_S = 20.0
 _MOVING = 0.05
 _FACTOR = 1.6  # between a right unit with noise, and knots
 _CHECK_STEP_S, _CHECKED_OVER = 0.5, 9
+_STILL_MPS, _STILL_RADPS = 0.02, 0.01
+_UNDER_WAY_MPS, _FEWEST_TURNS, _FACTOR_OF_COURSE = 0.5, 20, 3.0
 
 
 def check_recording(recording: Recording, commands: int) -> Recording:
@@ -185,14 +205,21 @@ def check_recording(recording: Recording, commands: int) -> Recording:
             f"{source}: the commands change by {spread.max(initial=0.0):.3f} of full; record steps of thrust and "
             "turns, as the profile identify-excitation has them"
         )
-    # Compare each velocity with the slope of its integral, which shows another unit, axis or sign
     time_s = np.arange(first_s + 1.0, last_s - 1.0, _CHECK_STEP_S)
-    has = recording.channels
+    has, motion = recording.channels, recording.motion_at(time_s)
+    ahead, turn = (float(np.std(_means(motion[:, axis]))) for axis in (3, 5))
+    if ahead < _STILL_MPS and turn < _STILL_RADPS:
+        raise UserError(
+            f"{source}: the boat stays at rest while the commands change by {spread.max():.2f} of full (its speed "
+            f"varies by {ahead:.3f} m/s and its yaw rate by {turn:.4f} rad/s); record it afloat and free, or correct "
+            "the units of position and heading"
+        )
+    _compare_with_course(source, motion)
+    # Compare each velocity with the slope of its integral, which shows another unit, axis or sign
     if "yaw_rate" in has:
         slope = _rate({"yaw": has["yaw"]}, "yaw_rate", "yaw", time_s)
         _compare(recording.source, "yaw_rate", "yaw", has["yaw_rate"].smooth(time_s), slope, 0.02)
     if "north" in has and ("surge" in has or "vel_north" in has):
-        motion = recording.motion_at(time_s)
         slopes = [_rate({at: has[at]}, name, at, time_s) for name, at in _OVER_GROUND]
         cos, sin = np.cos(motion[:, 2]), np.sin(motion[:, 2])
         along, across = cos * slopes[0] + sin * slopes[1], cos * slopes[1] - sin * slopes[0]
@@ -205,13 +232,41 @@ def check_recording(recording: Recording, commands: int) -> Recording:
 
 def _compare(source: str, name: str, other: str, values: Floats, slope: Floats, least: float) -> None:
     """Compare means over 4 s, in which noise of the integral is small. least: deviation that shows a difference."""
-    values, slope = (np.convolve(own, np.full(_CHECKED_OVER, 1.0 / _CHECKED_OVER), "valid") for own in (values, slope))
+    values, slope = _means(values), _means(slope)
     if np.std(slope) < least and np.std(values) < least:
         return
-    ratio = float(values @ slope / max(float(slope @ slope), 1e-12))
-    agreement = float(values @ slope / max(np.sqrt(float(values @ values) * float(slope @ slope)), 1e-12))
+    ratio, agreement = _ratio(values, slope)
     if not 1.0 / _FACTOR < ratio < _FACTOR or agreement < 0.7:
         raise UserError(
             f"{source}: {name} is {ratio:.3g} times the rate of {other} (correlation {agreement:.2f}); "
             "correct the unit, the sign or the column of one of them"
         )
+
+
+def _compare_with_course(source: str, motion: Floats) -> None:
+    """Compare the turns of heading and of course, which show a wrong unit or sign of yaw. They agree only roughly."""
+    cos, sin = np.cos(motion[:, 2]), np.sin(motion[:, 2])
+    north, east = cos * motion[:, 3] - sin * motion[:, 4], sin * motion[:, 3] + cos * motion[:, 4]
+    under_way = np.hypot(north, east) > max(_UNDER_WAY_MPS, float(np.median(np.hypot(north, east))))
+    steady = under_way[1:] & under_way[:-1]
+    course = np.angle(np.exp(1j * np.diff(np.arctan2(east, north))))[steady] / _CHECK_STEP_S
+    heading = (np.diff(motion[:, 2]) / _CHECK_STEP_S)[steady]
+    if len(course) < _FEWEST_TURNS or np.std(course) < 0.02:
+        return
+    ratio, agreement = _ratio(heading, course)
+    if abs(agreement) > 0.5 and not 1.0 / _FACTOR_OF_COURSE < ratio < _FACTOR_OF_COURSE:
+        raise UserError(
+            f"{source}: the heading turns {ratio:.3g} times as far as the course (correlation {agreement:.2f}); "
+            "correct the unit, the sign or the column of yaw"
+        )
+
+
+def _means(values: Floats) -> Floats:
+    """Return the means over 4 s of values at every _CHECK_STEP_S."""
+    return np.convolve(values, np.full(_CHECKED_OVER, 1.0 / _CHECKED_OVER), "valid")
+
+
+def _ratio(values: Floats, others: Floats) -> tuple[float, float]:
+    """Return by which factor values are larger than others, by least squares, and their correlation."""
+    ratio = float(values @ others / max(float(others @ others), 1e-12))
+    return ratio, float(values @ others / max(np.sqrt(float(values @ values) * float(others @ others)), 1e-12))

@@ -53,6 +53,8 @@ class Windows:
     """(M,) since the start of the window."""
     values: Floats
     """(M,)."""
+    width_s: Floats
+    """(M,) time of which each sample is the mean."""
 
     def __len__(self) -> int:
         return len(self.start_s)
@@ -97,10 +99,10 @@ def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None 
         starts.append(start_s)
     start_s, numbers = np.concatenate(starts), np.concatenate(of).astype(np.intp)
     if not len(start_s):
-        longest = max(last - first for first, last in (own.span_s for own in recordings))
+        longest_s = max(own.longest_part_s for own in recordings)
         raise UserError(
-            f"{recordings[0].source}: no part of {length_s:g} s is without a gap of 1 s (the longest log has "
-            f"{longest:.0f} s); record without interruption, or use a shorter --window"
+            f"{recordings[0].source}: no part of {length_s + HISTORY_S:g} s is under way and without a gap of 1 s (the "
+            f"longest has {longest_s:.0f} s); record without interruption, or use a shorter --window"
         )
     samples = []
     for window, (number, begin_s) in enumerate(zip(numbers, start_s, strict=True)):
@@ -109,7 +111,15 @@ def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None 
             rows = slice(first, last, max(int(np.ceil((last - first) / _MOST_SAMPLES)), 1))
             count = len(own.time_s[rows])
             code = np.full(count, NAMES.index(name))
-            samples.append((np.full(count, window), code, own.time_s[rows] - begin_s, own.values[rows]))
+            samples.append(
+                (
+                    np.full(count, window),
+                    code,
+                    own.time_s[rows] - begin_s,
+                    own.values[rows],
+                    np.full(count, own.width_s),
+                )
+            )
     columns = [np.concatenate(parts) for parts in zip(*samples, strict=True)]
     return Windows(tuple(recordings), numbers, start_s, length_s, *columns)
 

@@ -171,7 +171,9 @@ def _show(validations: Sequence[Validation], page: Path | None) -> None:
         say(console, f"{validation.name}{steered}", "bold")
         _show_figures(console, validation, sources)
         agree, differ, unknown = counts(validation)
+        disputed = sum(bool(own.reference and own.reference.disputed) for own in validation.figures)
         verdict = f"{agree} agree with their reference, {differ} differ, {unknown} have {NO_REFERENCE}"
+        verdict += f", {disputed} have a disputed one" if disputed else ""
         say(console, verdict, "red" if differ else "green")
         if validation.differing:
             show_facts(console, [(f"  {figure.label}", advice(figure), "yellow") for figure in validation.differing])

@@ -43,7 +43,7 @@ def froude_number(simulation: Simulation, state: SimulationState) -> list[float]
 
 def depth_froude_number(simulation: Simulation, state: SimulationState) -> list[float]:
     """Return the speed through the water over the root of g times the depth; 0 where the depth does not sink a hull."""
-    model, depth_m = simulation.vessel.model, simulation.environment.water.depth_m
+    model, depth_m = simulation.vessel.model, simulation.depth_m
     if not model.confined_water or depth_m >= DEEP_OF_LENGTH * model.length_m:
         return [0.0] * len(state.vessel.motion.pos_ned_m)
     root = math.sqrt(depth_m / model.length_m)

@@ -40,6 +40,7 @@ class Plant:
         self._rng = rng
         self._step: Callable[..., Any] = fleets.step if many else simulations.step
         self._launch: Callable[..., Any] = fleets.launch if many else simulations.launch
+        self._look_down_ns = 0
         self._commands: Sequence[Any] | None = None
         self._motors: Any = None
         self._rows: Sequence[tuple[int, int]] = simulation.rows if isinstance(simulation, Fleet) else ((0, 0),)
@@ -63,6 +64,7 @@ class Plant:
         An unchanged list must be the same object. max_steps: number of steps to take at once, which end early when a
         vessel comes near something that it can touch, or is held.
         """
+        self._follow_bed()
         simulation, before = self.simulation, self.state
         if commands is not self._commands:
             self._commands = commands
@@ -80,6 +82,17 @@ class Plant:
             assert isinstance(self.state, FleetState)
             self.state = fleets.held(simulation, self.state, before, [vessel.number for vessel in frozen])
         return self.state
+
+    def _follow_bed(self) -> None:
+        """Let a single vessel feel the depth below it. The vessels of a fleet feel that of the environment's water."""
+        if isinstance(self.state, SimulationState) and isinstance(self.simulation, Simulation):
+            if self.state.time_ns < self._look_down_ns:
+                return
+            self._look_down_ns = self.state.time_ns + self.simulation.drift_ns
+            simulation = self.simulation.over_bed(self.state)
+            if simulation is not self.simulation:
+                self.simulation = simulation
+                self._show_simulation()
 
     def touching(self) -> Collection[int]:
         """Return the numbers of the vessels with a contact in the latest step."""

@@ -13,11 +13,11 @@ pytest.importorskip("scipy")
 from sim_core.environment.spec import Water
 from sim_core.motion import MotionStep
 from xitl_cli.errors import UserError
-from xitl_cli.plugins.identify.fit import SHARED, fit
+from xitl_cli.plugins.identify.fit import SHARED, fit, measured
 from xitl_cli.plugins.identify.free_keys import free_keys, with_values
 from xitl_cli.plugins.identify.identification import Settings, identify, split
-from xitl_cli.plugins.identify.recording import Samples, check_recording
-from xitl_cli.plugins.identify.windows import NAMES, Simulator, cut
+from xitl_cli.plugins.identify.recording import Samples, channel, check_recording
+from xitl_cli.plugins.identify.windows import NAMES, OUTPUT_S, Simulator, cut
 from xitl_cli.profile import load_profile
 
 FREE = ("added_mass.sway_kg", "added_mass.yaw_kgm2", "damping_linear.surge", "damping_linear.yaw")
@@ -77,6 +77,20 @@ def test_standard_errors_cover_the_truth() -> None:
             inside += abs(key.value(x) - wanted) < 2.0 * abs(key.slope(x)) * sigma
             count += 1
     assert inside >= 0.8 * count, (inside, count)
+
+
+@pytest.mark.slow
+def test_rounded_commands_widen_the_standard_errors() -> None:
+    true, step = boat(), 0.1
+    keys = free_keys(true, ("damping_linear.surge", "damping_linear.yaw"), ())
+    run = pool_run(true, 90.0)
+    rounded = replace(run, commands=np.round(run.commands / step) * step)
+    errors = {}
+    for known in (step, 0.0):
+        result = fit(true, keys, cut([replace(rounded, command_step=known)], 10.0), Water(), wind=False)
+        errors[known] = np.abs(result.x[:2]) / result.sigma[:2]
+    assert errors[step].max() < 2.5
+    assert errors[step].max() < 0.7 * errors[0.0].max()
 
 
 @pytest.mark.slow
@@ -165,10 +179,57 @@ def test_what_a_recording_lacks() -> None:
     with pytest.raises(UserError, match=r"yaw_rate is 5[78]\.?\d* times the rate of yaw .*correct the unit"):
         check_recording(replace(run, channels=degrees), 2)
     north = run.channels["north"]
-    kept = (north.time_s < 4.0) | (north.time_s > 26.0)
+    kept = (north.time_s < 4.0) | (north.time_s > 21.0)
     gap = {**run.channels, "north": Samples(north.time_s[kept], north.values[kept])}
-    with pytest.raises(UserError, match="no part of 10 s is without a gap"):
+    with pytest.raises(UserError, match=r"no part of 12 s is under way and without a gap .*the longest has 9 s"):
         cut([replace(run, channels=gap)], 10.0)
+
+
+def test_a_boat_at_rest_is_refused() -> None:
+    run = pool_run(boat(), 30.0)
+    noise = np.random.default_rng(0)
+    tied = {
+        name: Samples(own.time_s, scale * noise.standard_normal(len(own.time_s)))
+        for (name, own), scale in zip(run.channels.items(), (0.02, 0.02, 0.005, 0.005), strict=True)
+    }
+    with pytest.raises(
+        UserError, match=r"stays at rest while the commands change by 1\.\d\d of full \(its speed varies"
+    ):
+        check_recording(replace(run, channels=tied), 2)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1.0, ""), (-1.0, r"turns -\d\.\d+ times"), (0.0175, r"turns 0\.01\d+ times")]
+)
+def test_a_heading_that_does_not_turn_as_the_course(factor: float, words: str) -> None:
+    run = pool_run(boat(), 60.0)
+    yaw = run.channels["yaw"]
+    channels = {name: own for name, own in run.channels.items() if name != "yaw_rate"}
+    wrong = replace(run, channels=channels | {"yaw": Samples(yaw.time_s, factor * yaw.values)})
+    if not words:
+        check_recording(wrong, 2)
+        return
+    with pytest.raises(UserError, match=f"the heading {words}.* correct the unit, the sign or the column of yaw"):
+        check_recording(wrong, 2)
+
+
+@pytest.mark.medium
+def test_rounded_commands_and_means_of_a_fast_sensor() -> None:
+    time_s = np.arange(0.0, 10.0, 0.02)
+    mean = channel(time_s, np.sin(time_s), average=True)
+    assert mean.width_s == pytest.approx(0.04)
+    run = pool_run(boat(), 40.0)
+    windows = cut([run], 10.0)
+    nuisance, shared = np.zeros((len(windows), 6)), np.zeros(3)
+    motion = np.zeros((260, len(windows), 6))
+    motion[:, :, 5] = ((np.arange(260) * OUTPUT_S) ** 2)[:, None]
+    rate = windows.quantity == NAMES.index("yaw_rate")
+    point = measured(windows, motion, np.zeros((len(windows), 2)), nuisance, shared)[rate]
+    wide = replace(windows, width_s=np.full(len(windows.width_s), 0.6))
+    inside = rate & (wide.offset_s > 0.5) & (wide.offset_s < 9.0)
+    means = measured(wide, motion, np.zeros((len(windows), 2)), nuisance, shared)
+    assert means[inside] - point[inside[rate]] == pytest.approx(0.6**2 * 2.0 / 27.0, rel=0.1)
 
 
 @pytest.mark.medium

@@ -37,6 +37,11 @@ class Approach:
 
 _YASUKAWA = Source(ReferenceKind.PUBLISHED, "Yasukawa & Yoshimura 2015, table 4: their simulation")
 _MARIN = Source(ReferenceKind.MEASURED, "Yasukawa & Yoshimura 2015, table 4: free run of MARIN for SIMMAN 2008")
+_MARIN_SERIES = Source(
+    ReferenceKind.MEASURED, "time series of MARIN's free runs of KVLCC2 for SIMMAN 2008; zig-zags begin to starboard"
+)
+_BASINS_DEG = 1.5
+"""Difference of the first overshoots 10/10 of KVLCC2 to starboard in the free runs of MARIN (8.2) and of HSVA (9.7)."""
 _MMG = Source(ReferenceKind.PUBLISHED, "equations and tables of Yasukawa & Yoshimura 2015, integrated separately")
 _MSS = Source(
     ReferenceKind.PUBLISHED,
@@ -55,10 +60,24 @@ APPROACHES = {
                 FigureReference(3.36, 0.05 * 3.36, _YASUKAWA),
                 FigureReference(3.34, 0.10 * 3.34, _MARIN),
             ),
-            "ship_zig_zag_10_first_deg": (FigureReference(5.75, 1.0, _MMG),),
-            "ship_zig_zag_10_second_deg": (FigureReference(16.7, 1.0, _MMG),),
-            "ship_zig_zag_20_first_deg": (FigureReference(12.5, 1.0, _MMG),),
-            "ship_zig_zag_20_second_deg": (FigureReference(18.4, 1.0, _MMG),),
+            "ship_turn_port_advance": (FigureReference(3.12, 0.10 * 3.12, _MARIN_SERIES),),
+            "ship_turn_port_tactical": (FigureReference(3.07, 0.10 * 3.07, _MARIN_SERIES),),
+            "ship_zig_zag_10_first_deg": (
+                FigureReference(5.75, 1.0, _MMG),
+                FigureReference(8.2, _BASINS_DEG, _MARIN_SERIES, "the equations of the published table give 5.75°"),
+            ),
+            "ship_zig_zag_10_second_deg": (
+                FigureReference(16.7, 1.0, _MMG),
+                FigureReference(21.9, _BASINS_DEG, _MARIN_SERIES, "the equations of the published table give 16.7°"),
+            ),
+            "ship_zig_zag_20_first_deg": (
+                FigureReference(12.5, 1.0, _MMG),
+                FigureReference(13.7, _BASINS_DEG, _MARIN_SERIES, "the equations of the published table give 12.5°"),
+            ),
+            "ship_zig_zag_20_second_deg": (
+                FigureReference(18.4, 1.0, _MMG),
+                FigureReference(14.9, _BASINS_DEG, _MARIN_SERIES, "the equations of the published table give 18.4°"),
+            ),
         },
     ),
     "mariner": Approach(
