@@ -399,8 +399,12 @@ XITL_BODY_KIND_PLANTS = 2
 enums["XITL_BODY_KIND"][2] = EnumEntry("XITL_BODY_KIND_PLANTS", """A raft of plants""")
 XITL_BODY_KIND_ANIMAL = 3
 enums["XITL_BODY_KIND"][3] = EnumEntry("XITL_BODY_KIND_ANIMAL", """An animal that swims""")
-XITL_BODY_KIND_ENUM_END = 4
-enums["XITL_BODY_KIND"][4] = EnumEntry("XITL_BODY_KIND_ENUM_END", """""")
+XITL_BODY_KIND_PLANK = 4
+enums["XITL_BODY_KIND"][4] = EnumEntry("XITL_BODY_KIND_PLANK", """A plank""")
+XITL_BODY_KIND_PLASTIC = 5
+enums["XITL_BODY_KIND"][5] = EnumEntry("XITL_BODY_KIND_PLASTIC", """An empty drum of plastic""")
+XITL_BODY_KIND_ENUM_END = 6
+enums["XITL_BODY_KIND"][6] = EnumEntry("XITL_BODY_KIND_ENUM_END", """""")
 
 # XITL_MANOEUVRE
 enums["XITL_MANOEUVRE"] = Enum()

@@ -67,6 +67,8 @@ class WaterMotion:
     surface_down_m: Callable[[Array], Array]
     """Returns the down coordinate of the surface at (B, 2) places."""
     density_kgpm3: float
+    wind_ne_mps: Callable[[], Array] = lambda: np.zeros(2)
+    """Returns the wind 10 m above the water, (2,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,9 +185,10 @@ def _launch_due(waterway: Waterway, debris: DebrisState, time_ns: int, water: Wa
 
 
 def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: WaterMotion, push: Push | None) -> DebrisState:
-    """Return the debris one step later, held by fixed structures and by the banks."""
-    place = debris.pos_ned_m
-    current, surface = water.current_ned_mps(place), water.surface_down_m(place[:, :2])
+    """Return the debris one step later, held by fixed structures, by the banks and by moorings."""
+    place, leeway = debris.pos_ned_m, np.zeros((len(debris.bodies), 3))
+    leeway[:, :2] = debris.figures.windage[:, None] * water.wind_ne_mps()
+    current, surface = water.current_ned_mps(place) + leeway, water.surface_down_m(place[:, :2])
     free = drift(debris, dt_ns, current, surface, push)
     # The holding force must stop the velocity that the current adds in this step. Light bodies reach the current in one
     # step.

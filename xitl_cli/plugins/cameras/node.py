@@ -21,7 +21,6 @@ from sim_core.environment.tide_spec import instant_utc
 from sim_core.frames import Array
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
-from sim_core.world.debris import BodyKind
 from xitl_cli.errors import UserError
 from xitl_cli.plugin import NodeContext
 from xitl_cli.plugins.cameras.daylight import Daylight, daylight, visible_extinction_per_m
@@ -42,7 +41,7 @@ from xitl_cli.plugins.cameras.images import (
     image_topic,
 )
 from xitl_cli.plugins.cameras.mavlink_camera import GimbalAngles
-from xitl_cli.plugins.cameras.models import TriangleModel, body_model, vessel_model, world_model
+from xitl_cli.plugins.cameras.models import TriangleModel, body_model, hull_model, vessel_model, world_model
 from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
 from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, PlacedModel, Shot, Viewpoint
@@ -389,14 +388,13 @@ class CameraNode(RunNode):
         plant = self._context.plant
         bodies = plant.bodies()
         debris = plant.state.debris.bodies
-        kinds: list[BodyKind | None] = [body.kind for body in debris]
         others = plant.others
         behind_s = (plant.state.time_ns - pose.stamp_ns) * 1e-9
         for index, mesh in enumerate(bodies.meshes):
-            drifts = index < len(kinds)
-            name = f"body {index}" if drifts else others[index - len(kinds)]
+            drifts = index < len(debris)
+            name = f"body {index}" if drifts else others[index - len(debris)]
             if name not in self._models:
-                self._models[name] = body_model(name, mesh, kinds[index] if drifts else None)
+                self._models[name] = body_model(name, debris[index]) if drifts else hull_model(name, mesh)
                 self._studio.add(name, self._models[name])
             place = bodies.pos_ned_m[index] - behind_s * bodies.vel_ned_mps[index]
             placed.append(PlacedModel(name, place, bodies.rot_ned_body[index], number))
