@@ -222,7 +222,8 @@ def _make_body(kind: BodyKind, length_m: float | None, water_kgpm3: float, buoy:
     waterline = waterline_m(mesh, mass_kg / water_kgpm3)
     draught_m = float(mesh.vertices_m[:, 2].max()) - waterline
     width_m = 2.0 * radius_m
-    drag_m2 = DRAG_ALONG * width_m * draught_m, DRAG_ACROSS * (2.0 * half_axis_m + width_m) * draught_m
+    across_m2 = DRAG_ACROSS * (2.0 * half_axis_m + width_m) * draught_m
+    drag_m2 = across_m2 if buoy is not None else DRAG_ALONG * width_m * draught_m, across_m2  # a buoy is round
     return Body(
         kind=kind,
         length_m=length,

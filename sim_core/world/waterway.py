@@ -140,9 +140,9 @@ def step_together(
             push = together(own, push)
     # Debris, in the vessels' steps while a vessel is near
     if debris.bodies and short:
-        debris = _carried(waterway, debris, times.dt_ns, water, push)
+        debris = carry(waterway, debris, times.dt_ns, water, push)
     elif debris.bodies and long_step:
-        debris = _carried(waterway, debris, times.long_ns, water, None)
+        debris = carry(waterway, debris, times.long_ns, water, None)
     return [Afloat(debris, *part) for part in parts]
 
 
@@ -184,7 +184,7 @@ def _launch_due(waterway: Waterway, debris: DebrisState, time_ns: int, water: Wa
     return debris
 
 
-def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: WaterMotion, push: Push | None) -> DebrisState:
+def carry(waterway: Waterway, debris: DebrisState, dt_ns: int, water: WaterMotion, push: Push | None) -> DebrisState:
     """Return the debris one step later, held by fixed structures, by the banks and by moorings."""
     place, leeway = debris.pos_ned_m, np.zeros((len(debris.bodies), 3))
     leeway[:, :2] = debris.figures.windage[:, None] * water.wind_ne_mps()

@@ -31,6 +31,7 @@ from xitl_cli.plugins.cameras.images import (
     DETECTIONS,
     FRAMES,
     TRUTH,
+    Box,
     CameraDetection,
     CameraFrame,
     CameraImage,
@@ -52,6 +53,7 @@ from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.world.colours import water_reflectance
 
 WORLD, OWN = "world", "own vessel"
+UNKNOWN = math.nan, math.nan
 MOST_WAITING = 3
 """Images that may be under way in real time. More are skipped and counted."""
 MOST_SHOTS, MOST_BANDS = 6, 12
@@ -127,6 +129,8 @@ class CameraNode(RunNode):
         """Time, place, heading and speed of the vessel on its way."""
         self._due: list[tuple[int, int, str]] = []
         """Heap of the images under way: when they are due, their tickets, their cameras."""
+        self._mounts: dict[int, Array] = {}
+        """Rotations from optical to body axes at the exposures of the images under way, by ticket."""
         self._light: tuple[int, Daylight] | None = None
         self._listeners: list[Callable[[CameraImage], None]] = []
         self._problems: list[str] = []
@@ -293,6 +297,7 @@ class CameraNode(RunNode):
                 noise_seed=int(camera.rng.integers(1 << 62)),
             )
         )
+        self._mounts[ticket] = self._pose(stamp_ns).rot_ned_frd.T @ middle.view.rot_ned_optical
         heappush(self._due, (stamp_ns + max(camera.latency_ns, camera.window_ns), ticket, camera.keys.name))
 
     def _shots(self, camera: Mounted, stamp_ns: int) -> tuple[Shot, tuple[Shot, ...]]:
@@ -438,17 +443,19 @@ class CameraNode(RunNode):
     def _hand_over(self, ticket: int, name: str) -> None:
         camera = self._cameras[name]
         image = self._studio.collect(ticket, decode=bool(self._listeners))
+        rot_frd_optical = self._mounts.pop(ticket)
         if image is None:
             camera.counts.missing += 1
             return
         camera.counts.images += 1
         if camera.keys.detector is not None and camera.keys.truth:
             camera.score.add(image.detections, image.objects)
-        self._record(image)
+            camera.score.horizon.add(image.found_horizon_px, image.horizon_px)
+        self._record(image, rot_frd_optical)
         for listener in self._listeners:
             listener(image)
 
-    def _record(self, image: CameraImage) -> None:
+    def _record(self, image: CameraImage, rot_frd_optical: Array) -> None:
         recorder, stamp_ns, name = self._recorder, image.stamp_ns, image.camera
         frame = vessel_name(f"camera_{name}_optical", self._context.profile.vessel)
         stamp = timestamp(stamp_ns)
@@ -470,9 +477,9 @@ class CameraNode(RunNode):
             )
         recorder.message(image_topic(name, image.kind).name, stamp_ns, picture)
         recorder.message(calibration_topic(name).name, stamp_ns, calibration(image.lens, stamp_ns, frame))
-        left, right = image.horizon_px or (math.nan, math.nan)
+        rows = *(image.horizon_px or UNKNOWN), *(image.found_horizon_px or UNKNOWN)
         quat = frames.matrix_to_quat(image.rot_ned_optical).tolist()
-        recorder.write(stamp_ns, CameraFrame(name, image.number, image.pos_ned_m.tolist(), quat, left, right))
+        recorder.write(stamp_ns, CameraFrame(name, image.number, image.pos_ned_m.tolist(), quat, *rows))
         for seen in image.objects:
             centre, turn, size = list(seen.centre_optical_m), list(seen.quat_optical_box), list(seen.size_m)
             recorder.write(
@@ -482,9 +489,27 @@ class CameraNode(RunNode):
                 ),
             )
         for one in image.detections:
-            recorder.write(stamp_ns, CameraDetection(name, image.number, one.label, *one.box_px, one.confidence))
+            angles = box_angles_rad(image.lens, rot_frd_optical, one.box_px)
+            detection = CameraDetection(name, image.number, one.label, *one.box_px, one.confidence, *angles)
+            recorder.write(stamp_ns, detection)
         if self._cameras[name].keys.truth:
             recorder.message(annotations_topic(name).name, stamp_ns, image_annotations(image))
+
+
+def box_angles_rad(lens: Lens, rot_frd_optical: Array, box: Box) -> tuple[float, float, float, float]:
+    """Return bearing and width in bearing of a box, and the elevations of its lower and upper edge.
+
+    rot_frd_optical: turns the optical axes into those of the body, (3, 3).
+    """
+    left, top, right, bottom = box
+    middle = 0.5 * (left + right), 0.5 * (top + bottom)
+    edges = np.array([(left, middle[1]), (right, middle[1]), (middle[0], bottom), (middle[0], top)])
+    forward, aside, down = (lens.directions(edges) @ rot_frd_optical.T).T
+    bearing = np.arctan2(aside, forward)
+    width = math.remainder(float(bearing[1] - bearing[0]), math.tau)
+    elevation = np.arctan2(-down, np.hypot(forward, aside))
+    middle_rad = math.remainder(float(bearing[0]) + 0.5 * width, math.tau)
+    return middle_rad, width, float(elevation[2]), float(elevation[3])
 
 
 def calibration(lens: Lens, stamp_ns: int, frame: str) -> messages.CameraCalibration:
