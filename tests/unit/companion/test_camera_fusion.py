@@ -84,7 +84,7 @@ def test_roll_and_heading_of_the_vessel_are_taken_out() -> None:
 
 
 def test_a_track_elsewhere_gets_no_class() -> None:
-    for off in ((18.0, 3.5), (40.0, 0.0), (7.0, 0.0)):
+    for off in ((18.0, 3.5), (7.0, 0.0)):
         fusion = fused([track(1, *off)], {(18.0, 0.0): "buoy"}, history())
         assert fusion.class_of(1) == ("", 0.0)
         assert fusion.matched == 0

@@ -44,8 +44,10 @@ def test_a_mooring_holds_a_buoy_in_the_current_at_its_swing(shape: str) -> None:
     away_m = np.hypot(*(track[:, :2] - (5.0, -3.0)).T)
     assert away_m[-1] == pytest.approx(2.0, abs=0.05)
     assert away_m.max() < 2.1
-    assert abs(track[-1, 1] + 3.0) < 0.05  # downstream of the anchor
-    assert np.hypot(*debris.vel_ned_mps[0, :2]) < 0.01
+    # Downstream of the anchor. The drag is quadratic in each axis of the body, so its direction is off the flow by up to
+    # max(t - atan(tan(t)^2)) = 12.1 degrees, by the heading of the body.
+    assert track[-1, 0] - 5.0 > 2.0 * math.cos(math.radians(12.2)) - 0.05
+    assert np.hypot(*debris.vel_ned_mps[0, :2]) < 0.05 * CURRENT[0]
 
 
 @pytest.mark.medium

@@ -38,11 +38,11 @@ LEAST_PX = 24
 """Smallest area of an object."""
 PITCHING_DEG, ROLLING_DEG, USUAL_DEG = 5.0, 6.0, 2.5
 """By which a camera may look higher or lower than on a level vessel, by which its horizon may slant, and the standard
-deviation of both."""
+deviation of the first."""
 LEAST_RED, FEWEST_SPREADS = 5.0, 7.0
 """Of colour in CIELAB: orange over the water, and anything that differs from it."""
-EDGE_PX, STRONGEST_EDGE, LEAST_EDGE = 4, 8.0, 2.0
-"""Of the horizon: rows on either side that are compared, the difference that counts most, and the least mean one."""
+EDGE_PX, LEAST_EDGE = 4, 1.5
+"""Of the horizon: rows on either side that are compared, and the least mean root of their difference."""
 SHORE_PX = 3
 """Rows below the horizon that may show a shore, far away."""
 MIRROR_SHARE = 0.85
@@ -98,11 +98,12 @@ class ColourDetector:
         sums = np.concatenate([np.zeros((1, len(across), 3), float32), np.cumsum(lab[:, across], axis=0)])
         row = np.arange(first, last)
         above, below = sums[row] - sums[row - EDGE_PX], sums[row + EDGE_PX] - sums[row]
-        edge = np.minimum(np.linalg.norm(above - below, axis=2) / EDGE_PX, STRONGEST_EDGE)
-        # The line of a boom is no horizon.
-        vivid = np.hypot(lab[:, across, 1] - 128.0, lab[:, across, 2] - 128.0) > VIVID
-        paint = np.concatenate([np.zeros((1, len(across)), int), np.cumsum(vivid, axis=0)])
-        edge[paint[row + EDGE_PX] > paint[row - EDGE_PX]] = 0.0
+        # The root: many columns with a weak edge count more than few with a strong one.
+        edge = np.sqrt(np.linalg.norm(above - below, axis=2) / EDGE_PX)
+        # The horizon is above the floats of a boom, which are lower than the camera.
+        red, yellow = lab[:, across, 1] - 128.0, lab[:, across, 2] - 128.0
+        floats = np.logical_or.accumulate((red > 0.5 * VIVID) & (np.hypot(red, yellow) > VIVID), axis=0)
+        edge[floats[row + EDGE_PX]] = 0.0
         offset = across - 0.5 * (columns - 1)
         off_deg = np.degrees((row - self._level_row) / self._focal_px)
         usual = np.exp(-0.5 * (off_deg / USUAL_DEG) ** 2)
@@ -111,7 +112,7 @@ class ColourDetector:
             shifted = np.arange(len(row))[:, None] + np.rint(slope * offset).astype(int)
             inside = (shifted >= 0) & (shifted < len(row))
             on_line = np.take_along_axis(edge, np.clip(shifted, 0, len(row) - 1), axis=0) * inside
-            strength = on_line.mean(axis=1) * usual * math.exp(-0.5 * (slope / math.radians(USUAL_DEG)) ** 2)
+            strength = on_line.mean(axis=1) * usual * math.exp(-0.5 * (slope / math.radians(ROLLING_DEG)) ** 2)
             number = int(strength.argmax())
             if strength[number] > best[0]:
                 best = float(strength[number]), float(row[number]) - 0.5, float(slope)
@@ -168,12 +169,15 @@ class ColourDetector:
         masks = [*((paint, chroma) for paint in paints), (pale, lab[..., 0]), (differs, lab[..., 0])]
         for mask, strength in masks:
             for box, colour in _objects(lab, mask, strength, shadowed):
-                waterline_px = box[3] - float(line[int(np.clip(0.5 * (box[0] + box[2]), 0, columns - 1))])
+                horizon_row = float(line[int(np.clip(0.5 * (box[0] + box[2]), 0, columns - 1))])
+                waterline_px = box[3] - horizon_row
                 if waterline_px < self._height_m * self._focal_px / FARTHEST_M:
                     continue
                 metres = self._height_m / waterline_px  # of a pixel at the object
                 width_m, height_m = (box[2] - box[0]) * metres, (box[3] - box[1]) * metres
                 kind = _class_of(colour, width_m)
+                if kind is ObjectClass.VESSEL and box[1] > horizon_row - 1.0:
+                    continue  # a boat is higher than the camera, and sky in the water is below the horizon
                 if kind is None or width_m > LARGEST_M[kind][0] or height_m > LARGEST_M[kind][1]:
                     continue
                 found.append(Detection(kind.label, box, min((box[2] - box[0]) * (box[3] - box[1]) / 400.0, 1.0)))
@@ -262,8 +266,8 @@ def _class_of(colour: NDArray[float32], width_m: float) -> ObjectClass | None:
     chroma, hue_deg = math.hypot(red, yellow), math.degrees(math.atan2(yellow, red)) % 360.0
     if lightness > BRIGHT and chroma < PALE:
         return ObjectClass.VESSEL if width_m > HULL_M else None
-    blue = 200.0 < hue_deg < 320.0
-    return ObjectClass.BUOY if chroma > VIVID and not blue else ObjectClass.DEBRIS
+    painted = any((hue_deg - low) % 360.0 < high - low for low, high in HUES_DEG[:-1])
+    return ObjectClass.BUOY if chroma > VIVID and painted else ObjectClass.DEBRIS
 
 
 def boxes_of(detections: Sequence[Detection]) -> list[Box]:
