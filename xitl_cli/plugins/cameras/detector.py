@@ -161,7 +161,7 @@ class ColourDetector:
         hue_deg = np.degrees(np.arctan2(lab[..., 2] - 128.0, lab[..., 1] - 128.0)) % 360.0
         vivid = (chroma > VIVID) & (np.arange(rows)[:, None] >= line - HIGHEST_PX)
         paints = [vivid & ((hue_deg - low) % 360.0 < high - low) for low, high in HUES_DEG]
-        brightest = float(np.percentile(lab[open_row:, :, 0], 97.0))
+        brightest = float(np.percentile(lab[open_row:, :, 0], 90.0))
         pale = (chroma < PALE) & (lab[..., 0] > max(BRIGHT, BRIGHTER * brightest)) & below
         found: list[Detection] = []
         shadowed = list(taken)
@@ -200,7 +200,7 @@ class ColourDetector:
 
 ORANGE = 0.95
 """Least ratio of yellow to red of the floats of a boom."""
-VIVID, PALE, BRIGHT, BRIGHTER = 28.0, 14.0, 150.0, 1.0
+VIVID, PALE, BRIGHT, BRIGHTER = 28.0, 14.0, 150.0, 1.1
 """In OpenCV's CIELAB: chroma of paint, and of white; lightness of white, also as a multiple of bright water."""
 HUES_DEG = (-40.0, 45.0), (70.0, 101.0), (135.0, 200.0), (200.0, 320.0)
 """Of red, yellow, green and blue paint. Grass and leaves are between yellow and green."""
