@@ -121,9 +121,7 @@ class CameraFusion:
         label = max(sorted(evidence), key=evidence.__getitem__)
         return label, evidence[label] / sum(evidence.values())
 
-    def _associate(
-        self, image: Sequence[CameraDetection], tracks: Sequence[ObstacleTrack], pose: VehiclePose
-    ) -> None:
+    def _associate(self, image: Sequence[CameraDetection], tracks: Sequence[ObstacleTrack], pose: VehiclePose) -> None:
         pairs = [
             (distance, row, column)
             for row, detection in enumerate(image)
@@ -166,7 +164,11 @@ def _level(detection: CameraDetection, pose: VehiclePose) -> tuple[float, float]
     """Bearing from north and elevation over the horizon of the middle of a box's lower edge."""
     flat = math.cos(detection.bottom_rad)
     ray_frd = np.array(
-        (flat * math.cos(detection.bearing_rad), flat * math.sin(detection.bearing_rad), -math.sin(detection.bottom_rad))
+        (
+            flat * math.cos(detection.bearing_rad),
+            flat * math.sin(detection.bearing_rad),
+            -math.sin(detection.bottom_rad),
+        )
     )
     north, east, down = (pose.rot_ned_frd @ ray_frd).tolist()
     return math.atan2(east, north), -math.atan2(down, math.hypot(north, east))

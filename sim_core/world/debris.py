@@ -24,6 +24,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy import float64
@@ -254,7 +255,9 @@ def _leeway(mesh: Mesh, waterline_m: float, water_kgpm3: float) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         one_dry = (waterline_m - a) ** 2 / ((b - a) * (c - a))
         one_wet = 1.0 - (c - waterline_m) ** 2 / ((c - a) * (c - b))
-    above = np.where(waterline_m <= a, 0.0, np.where(waterline_m >= c, 1.0, np.where(waterline_m <= b, one_dry, one_wet)))
+    above = np.where(
+        waterline_m <= a, 0.0, np.where(waterline_m >= c, 1.0, np.where(waterline_m <= b, one_dry, one_wet))
+    )
     dry_m2, all_m2 = float(aside_m2 @ above), float(aside_m2.sum())
     return math.sqrt(AIR_KGPM3 * dry_m2 / (water_kgpm3 * max(all_m2 - dry_m2, 1e-9)))
 
@@ -313,7 +316,7 @@ def _buoy(diameter_m: float, shape: BuoyShape) -> tuple[Mesh, float, float]:
     outline[[0, -1], 1] = 0.0
     step_m = outline[-1, 0] / _BUOY_RINGS
     points = [outline[:1]]
-    for low, high in zip(outline[:-1], outline[1:], strict=True):
+    for low, high in pairwise(outline):
         parts = max(math.ceil((high[0] - low[0]) / step_m - 1e-9), 1)
         points.append(low + np.linspace(0.0, 1.0, parts + 1)[1:, None] * (high - low))
     height_m, radius_m = np.concatenate(points).T
@@ -469,7 +472,7 @@ def launched(
     surface_down_m: float,
     water_kgpm3: float = USUAL_WATER_KGPM3,
 ) -> DebrisState:
-    """Add one body that already drifts with the (3,) current, or is moored. Raises ValueError for an impossible length."""
+    """Add one body that drifts with the (3,) current, or is moored. Raises ValueError for an impossible length."""
     body = make_body(launch.kind, launch.length_m, water_kgpm3, launch.buoy)
     if launch.windage is not None:
         body = replace(body, windage=launch.windage)

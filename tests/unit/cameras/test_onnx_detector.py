@@ -101,17 +101,17 @@ def test_a_network_may_take_any_size(tmp_path: Path) -> None:
 
 def test_what_does_not_fit_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model = write_network(tmp_path / "colours.onnx")
-    with pytest.raises(UserError, match="so 2 classes, and detector.classes has 3; list the names"):
+    with pytest.raises(UserError, match=r"so 2 classes, and detector\.classes has 3; list the names"):
         detector(model, "buoy", "vessel", "debris")
     flat = write_network(tmp_path / "flat.onnx", transposed=True)
     with pytest.raises(UserError, match=r"an output of shape 1 x 1024 x 6, so 1020 classes"):
         detector(flat, "buoy", "vessel")
     text = tmp_path / "text.onnx"
     text.write_text("no network")
-    with pytest.raises(UserError, match="text.onnx is no network that onnxruntime reads"):
+    with pytest.raises(UserError, match=r"text\.onnx is no network that onnxruntime reads"):
         detector(str(text), "buoy")
     grey = write_network(tmp_path / "grey.onnx", shape=(1, 4, SIDE, SIDE))
-    with pytest.raises(UserError, match="an input of shape 1 x 4 x 32 x 32|is no network"):
+    with pytest.raises(UserError, match=r"an input of shape 1 x 4 x 32 x 32|is no network"):
         detector(grey, "buoy", "vessel")
     monkeypatch.setattr("xitl_cli.extras.find_spec", lambda package: None)
     with pytest.raises(UserError, match=r"needs onnxruntime, which is not installed; pip install 'xitl\[onnx\]'"):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_core.world.debris import BodyKind, BuoyForm, Launch, bodies_at, make_body
+from sim_core.world.debris import BodyKind, BuoyForm, DebrisState, Launch, bodies_at, make_body
 from sim_core.world.plan import Capsules
 from sim_core.world.waterway import STILL, WaterMotion, Waterway, carry, launch_body
 from xitl_cli.run.world.colours import BUOY_MARKS, coloured_parts
@@ -27,7 +27,9 @@ def water(wind_ne_mps: tuple[float, float] = (0.0, 0.0), wave_m: float = 0.0, at
     )
 
 
-def carried(launch: Launch, seconds: float, wind_ne_mps: tuple[float, float] = (0.0, 0.0), wave_m: float = 0.0):
+def carried(
+    launch: Launch, seconds: float, wind_ne_mps: tuple[float, float] = (0.0, 0.0), wave_m: float = 0.0
+) -> tuple[DebrisState, np.ndarray]:
     debris = launch_body(STILL.debris, launch, water())
     track = []
     for step in range(round(seconds * 1e9 / STEP_NS)):
@@ -44,8 +46,8 @@ def test_a_mooring_holds_a_buoy_in_the_current_at_its_swing(shape: str) -> None:
     away_m = np.hypot(*(track[:, :2] - (5.0, -3.0)).T)
     assert away_m[-1] == pytest.approx(2.0, abs=0.05)
     assert away_m.max() < 2.1
-    # Downstream of the anchor. The drag is quadratic in each axis of the body, so its direction is off the flow by up to
-    # max(t - atan(tan(t)^2)) = 12.1 degrees, by the heading of the body.
+    # Downstream of the anchor. The drag is quadratic in each axis of the body, so its direction is off the flow by up
+    # to max(t - atan(tan(t)^2)) = 12.1 degrees, by the heading of the body.
     assert track[-1, 0] - 5.0 > 2.0 * math.cos(math.radians(12.2)) - 0.05
     assert np.hypot(*debris.vel_ned_mps[0, :2]) < 0.05 * CURRENT[0]
 

@@ -148,9 +148,7 @@ class ColourDetector:
                 found.append(Detection(ObjectClass.BOOM.label, box, min(area / 200.0, 1.0)))
         return found
 
-    def _afloat(
-        self, lab: NDArray[float32], horizon: tuple[float, float], taken: Sequence[Box]
-    ) -> Sequence[Detection]:
+    def _afloat(self, lab: NDArray[float32], horizon: tuple[float, float], taken: Sequence[Box]) -> Sequence[Detection]:
         rows, columns = lab.shape[:2]
         line = np.linspace(*horizon, columns)
         open_row = int(np.clip(min(horizon) + SHORE_PX, 0, rows))
@@ -236,7 +234,7 @@ def _objects(
 
 
 def _without_mirror(strength: NDArray[float32], part: NDArray[np.bool_]) -> int:
-    """Return the rows of an object from its top, without its mirror image: a weaker lower part, split as by Otsu 1979."""
+    """Return the rows of an object without its mirror image: the weaker lower part of a split as by Otsu 1979."""
     counts, sums = part.sum(axis=1), np.where(part, strength, 0.0).sum(axis=1)
     above, total = np.cumsum(counts)[:-1], np.cumsum(sums)[:-1]
     below = counts.sum() - above

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from sim_core.frames import Array
 from sim_core.sensors.lens import Lens
-from xitl_cli.record.cdr import Float64, Float64x3, Float64x4, Int64, String, Uint32
 from xitl_cli.record import topics
+from xitl_cli.record.cdr import Float64, Float64x3, Float64x4, Int64, String, Uint32
 from xitl_cli.record.topics import CameraDetection, Topic, camera_topic
 
 

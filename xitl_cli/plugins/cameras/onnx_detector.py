@@ -113,7 +113,9 @@ class OnnxDetector:
             raise UserError(f"{self._file} has an input of {kind}; export it with 32-bit floats")
         sides = [side if isinstance(side, int) and side > 0 else None for side in shape]
         if len(shape) != 4 or sides[0] not in (1, None) or sides[1] not in (3, None):
-            raise UserError(f"{self._file} has an input of shape {_shape(shape)}; export it with 1 x 3 x height x width")
+            raise UserError(
+                f"{self._file} has an input of shape {_shape(shape)}; export it with 1 x 3 x height x width"
+            )
         return sides[3] or USUAL_PX, sides[2] or USUAL_PX
 
     def _check_output(self, output: NDArray[float32]) -> None:
@@ -142,7 +144,9 @@ def _session(file: str) -> Any:
     try:
         return onnxruntime.InferenceSession(file, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises classes of its own extension module
-        raise UserError(f"{file} is no network that onnxruntime reads ({_first_line(error)}); export it again") from error
+        raise UserError(
+            f"{file} is no network that onnxruntime reads ({_first_line(error)}); export it again"
+        ) from error
 
 
 def _shape(shape: Sequence[object]) -> str:

@@ -83,7 +83,11 @@ class Studio:
         self._lenses = {camera.name: lens_of(camera) for camera in cameras}
         self._detectors: dict[str, Detector] = {
             camera.name: guarded(
-                DETECTORS, camera.detector.kind, load(DETECTORS, camera.detector.kind), camera, self._lenses[camera.name]
+                DETECTORS,
+                camera.detector.kind,
+                load(DETECTORS, camera.detector.kind),
+                camera,
+                self._lenses[camera.name],
             )
             for camera in cameras
             if camera.detector is not None

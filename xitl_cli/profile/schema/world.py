@@ -54,9 +54,9 @@ class LaunchSpec(Specification):
     length_m: Annotated[
         Annotated[float, Bounds(at_least=0.1, at_most=50)] | None, "null: the usual size of its kind"
     ] = None
-    windage: Annotated[Share | None, "leeway as a share of the wind at 10 m; null: by its shape above and below water"] = (
-        None
-    )
+    windage: Annotated[
+        Share | None, "leeway as a share of the wind at 10 m; null: by its shape above and below water"
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +76,9 @@ class EncountersSpec(Specification):
 
     def check(self) -> None:
         if self.count and not self.kinds:
-            raise SpecificationError(("kinds",), f"is empty; add one of {', '.join(get_args(DebrisName))}, or set count: 0")
+            raise SpecificationError(
+                ("kinds",), f"is empty; add one of {', '.join(get_args(DebrisName))}, or set count: 0"
+            )
         if self.ahead_m[0] > self.ahead_m[1]:
             raise SpecificationError(
                 ("ahead_m",), f"= {list(self.ahead_m)} is from far to near; write the nearer first"

@@ -195,7 +195,6 @@ class FindingsNode(RunNode):
                 "because their pose was unknown or too many came at once; lower the cameras' rate_hz"
             )
 
-
     def save(self, folder: Path) -> None:
         """Save the map, the trajectory and the truth, if there is an odometry."""
         odometry = self.odometry()
