@@ -171,7 +171,9 @@ def test_a_network_finds_a_red_buoy_in_a_run(tmp_path: Path) -> None:
         bearing_deg = np.degrees(found.values("bearing_rad"))
         assert np.abs(bearing_deg).max() < 15.0  # of boxes on a buoy of 25 degrees straight ahead
         assert bearing_deg.mean() == pytest.approx(0.0, abs=3.0)
-    done = run(tmp_path, "own.yaml", "--duration", "1", sets=["sensors.cameras.0.detector.classes=[buoy]"])
+    done = run(
+        tmp_path, "own.yaml", "--duration", "1", "--overwrite", sets=["sensors.cameras.0.detector.classes=[buoy]"]
+    )
     assert done.returncode == 2
     assert "so 2 classes, and detector.classes has 1" in done.stderr
 
