@@ -32,7 +32,6 @@ from xitl_cli.plugins.cameras.images import (
     FRAMES,
     TRUTH,
     Box,
-    CameraDetection,
     CameraFrame,
     CameraImage,
     CameraTruth,
@@ -47,7 +46,7 @@ from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
 from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, PlacedModel, Shot, Viewpoint
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
-from xitl_cli.record.topics import vessel_name
+from xitl_cli.record.topics import CameraDetection, vessel_name
 from xitl_cli.record.truth import timestamp
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.world.colours import water_reflectance
