@@ -296,7 +296,7 @@ def _plank(scale: float, material: Material) -> tuple[Mesh, float, float]:
 
 
 def _drum(scale: float, material: Material) -> tuple[Mesh, float, float]:
-    return cylinder(0.29 * scale, 0.9 * scale, material, sides=20), 0.16 * scale, 0.29 * scale
+    return cylinder(0.29 * scale, 0.9 * scale, material, sides=20), 0.18 * scale, 0.29 * scale
 
 
 _BUOY_OUTLINES: dict[BuoyShape, tuple[tuple[float, float], ...]] = {
