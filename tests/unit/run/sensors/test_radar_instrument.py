@@ -17,8 +17,8 @@ from sim_core.sensors.lidar import BodyTrack
 from sim_core.sensors.radar import MarineRadar, RadarSector
 from sim_core.sensors.radar_targets import vessel_section_m2
 from sim_core.sensors.spec import SECTORS
-from sim_core.world.geometry import PLASTIC, box
 from sim_core.world.debris import Body, BodyKind, BuoyForm, Launch, bodies_at, launched, make_body, no_debris
+from sim_core.world.geometry import PLASTIC, box
 from sim_core.world.rays import NO_BODIES, Bodies
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
