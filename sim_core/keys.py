@@ -217,6 +217,13 @@ class MoreChoices:
 
 
 @dataclass(frozen=True, slots=True)
+class ShortForm:
+    """Marks a key that holds a group, for which text is a short form: the value of one key of the group."""
+
+    key: str
+
+
+@dataclass(frozen=True, slots=True)
 class RegisteredGroups:
     """Marks a key that holds groups of other packages, by name. A file reader looks up the class of each group."""
 

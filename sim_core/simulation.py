@@ -36,6 +36,8 @@ from sim_core.world.waterway import OPEN_WATER, STILL, Afloat, StepTimes, WaterM
 DRIFT_NS = 20_000_000
 BOTTOM_SHARE = 0.02
 """Change of depth, as a share, from which forces are computed anew."""
+WIND_HEIGHT_M = 10.0
+"""Height of the wind that moves floating bodies, as in tables of leeway."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -280,14 +282,15 @@ def with_condition(simulation: Simulation, state: SimulationState, condition: Co
 
 
 def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) -> WaterMotion:
-    """Return the water motion at the bodies. All bodies use the first vessel's current, which differs only in time
-    between vessels.
+    """Return the water motion at the bodies, and the wind. All bodies use those of the first vessel, which differ only
+    in time between vessels.
     """
     environment, varies, time_s = simulation.environment, state.current[:1], time_ns * 1e-9
     return WaterMotion(
         lambda places: environment.current_ned_mps(varies, time_s, places),
         lambda places: environment.surface_ned_z_m(time_s, places),
         environment.water.density_kgpm3,
+        lambda: environment.wind.velocity_ned_mps(state.wind, time_s, WIND_HEIGHT_M)[0, :2],
     )
 
 

@@ -36,6 +36,7 @@ class Extra:
 
 PERCEPTION = Extra("perception", ("embreex", "kiss_icp", "trimesh"), "lidar, sonar, meshes and a companion")
 CAMERA = Extra("camera", ("moderngl", "cv2", "PIL"), "cameras")
+ONNX = Extra("onnx", ("onnxruntime",), "detectors of objects in camera images: networks in the format ONNX")
 PANDAS = Extra("pandas", ("pandas",), "tables of logs as data frames")
 PARQUET = Extra("parquet", ("pyarrow",), "export of logs to Parquet")
 REPORT = Extra("report", ("plotly",), "pages of logs with plots and a map")
@@ -50,4 +51,4 @@ ROS2 = Extra("ros2", ("cyclonedds",), "topics for ROS 2 where none is sourced")
 GYM = Extra("gym", ("gymnasium",), "learning environments: xitl.make_env, xitl.make_vec_env")
 IDENTIFY = Extra("identify", ("scipy",), "system identification: xitl identify")
 BEM = Extra("bem", ("capytaine",), "wave forces of a hull by a panel code: xitl vehicle hydrodynamics")
-EXTRAS = (PERCEPTION, CAMERA, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW, FIGURES, ROS2, GYM, IDENTIFY, BEM)
+EXTRAS = (PERCEPTION, CAMERA, ONNX, PANDAS, PARQUET, REPORT, CAMPAIGN, VIEW, FIGURES, ROS2, GYM, IDENTIFY, BEM)

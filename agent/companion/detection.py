@@ -47,6 +47,7 @@ class ObstacleDetector:
         self.frames: deque[DetectionFrame] = deque()
         self.refused = 0  # points that are not finite
         self.unplaced = 0  # clouds without a pose
+        self.early = 0  # those of them before the first pose
         self.water_reach_m = TUNED.reach_initial_m
         self.stands_out_m = TUNED.stands_out_m
         self._range_m = range_m
@@ -79,6 +80,7 @@ class ObstacleDetector:
         placed = self._placed(history, stamp_ns, points, offset_s[near].astype(np.float64))
         if placed is None:
             self.unplaced += 1
+            self.early += self._level_m is None
             return False
         ned_m, height_m = placed
 

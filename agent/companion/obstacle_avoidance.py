@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from agent.companion.autopilot_state import AutopilotState, heading_rad
 from agent.companion.avoidance import AvoidancePlanner, obstacles_near
+from agent.companion.camera_fusion import CameraFusion
 from agent.companion.command_output import CommandOutput
 from agent.companion.detection import Cluster, ObstacleDetector, find_clusters
 from agent.companion.pose_history import VehiclePose
@@ -103,6 +104,7 @@ class ObstacleAvoidance:
         self.vehicle = AutopilotState()
         self.tracker = ObstacleTracker(vessels)
         self.detector = ObstacleDetector(range_m, waterline_m)
+        self.cameras = CameraFusion(waterline_m)
         self._current = CurrentEstimator()
         begin_m = TUNED.begin_share * margin_m
         planner = AvoidancePlanner(margin_m, begin_m, horizon_s, 0.5 * math.hypot(length_m, width_m))
@@ -186,7 +188,8 @@ class ObstacleAvoidance:
         return make_proximity_messages(np.concatenate(points), pose, now_ns, self._bow_m, self._range_m)
 
     def obstacle_messages(self, now_ns: int) -> Messages:
-        """Return an XITL_OBSTACLE of every confirmed track."""
+        """Return an XITL_OBSTACLE of every confirmed track, with its class after the newest images."""
+        self.cameras.update(self.vehicle.history, self.tracker.confirmed)
         pose = self.vehicle.pose_at(now_ns)
         if pose is None:
             return []
@@ -198,6 +201,9 @@ class ObstacleAvoidance:
             nearest = off[int(np.argmin(np.hypot(off[:, 0], off[:, 1])))]
             range_m = float(np.hypot(*nearest))
             closing_mps = -float(nearest @ (track.state[2:] - pose.vel_ned_mps[:2])) / max(range_m, 0.1)
+            middle = track.position_at(now_ns) - pose.pos_ned_m[:2]
+            bearing_rad = math.remainder(math.atan2(middle[1], middle[0]) - heading_rad(pose), math.tau)
+            label, share = self.cameras.class_of(track.number)
             down_m = float(pose.pos_ned_m[2]) + self.detector.waterline_m - 0.5 * track.height_m
             messages.append(
                 mav.MAVLink_xitl_obstacle_message(
@@ -211,6 +217,9 @@ class ObstacleAvoidance:
                     track.number,
                     min(track.points, 65535),
                     min(track.hits, 65535),
+                    bearing_rad,
+                    share,
+                    label.encode("ascii", "replace")[:16],
                 )
             )
         return messages

@@ -7,6 +7,7 @@ from typing import Any, Callable
 
 import numpy as np
 
+from agent.companion.camera_fusion import CameraDetection
 from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
 from agent.companion.mapping import LIDAR, SONAR, CloudMap, MapPoints
 from agent.companion.obstacle_avoidance import ObstacleAvoidance
@@ -104,7 +105,7 @@ class Perception:
         return self._clouds.clouds + self._clouds.clouds_partial
 
     def handle(self, message: Any, now_ns: int) -> bool:
-        """Store a chunk of a cloud or a ping. Return False for any other message."""
+        """Store a chunk of a cloud or a ping, or a detection of a camera. Return False for any other message."""
         if isinstance(message, mav.MAVLink_xitl_cloud_message):
             for cloud in self._clouds.handle(message):
                 if cloud.kind != mav.XITL_CLOUD_KIND_LIDAR:
@@ -118,6 +119,10 @@ class Perception:
             return True
         if isinstance(message, mav.MAVLink_xitl_ping_message):
             self._echoes.extend(self._pings.handle(message))
+            return True
+        if isinstance(message, mav.MAVLink_xitl_detection_message):
+            stamp_ns = self._clock.own_ns(message.time_usec * 1000)
+            self.avoidance.cameras.add(CameraDetection.from_message(message, stamp_ns))
             return True
         return False
 
@@ -204,5 +209,7 @@ class Perception:
             now_ns // 1000, clouds.clouds, clouds.clouds_partial, clouds.chunks_lost + self._pings.chunks_lost,
             self._clouds_dropped, clouds.points, clouds.points_refused + points, self._pings_mapped, poses, refused,
             0 if self._map is None else len(self._map), avoidance.tracker.total, avoidance.commands.detours,
-            avoidance.commands.stops, self._latency_s, avoidance.commands.manoeuvre,
+            avoidance.commands.stops, self._latency_s, avoidance.commands.manoeuvre, avoidance.detector.unplaced,
+            avoidance.detector.early, avoidance.cameras.received, avoidance.cameras.matched, avoidance.cameras.dropped,
+            avoidance.cameras.early,
         )  # fmt: skip

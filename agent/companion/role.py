@@ -27,6 +27,11 @@ TELL_HZ = 2.0
 HEARTBEAT_NS = 1_000_000_000
 SILENCE_S = 1.0
 _WARNING, _NOTICE = dialect.MAV_SEVERITY_WARNING, dialect.MAV_SEVERITY_NOTICE
+_SENSORS = (
+    dialect.MAVLink_xitl_cloud_message,
+    dialect.MAVLink_xitl_ping_message,
+    dialect.MAVLink_xitl_detection_message,
+)
 _COMMANDS = (
     dialect.MAVLink_command_long_message,
     dialect.MAVLink_set_position_target_local_ned_message,
@@ -37,7 +42,7 @@ _COMMANDS = (
 class CompanionRole(Role):
     """Sends heartbeats of an onboard controller, events when the host falls silent or returns, and its perceptions.
 
-    Perception begins with the first cloud or ping, with the settings of that instant.
+    Perception begins with the first cloud, ping or detection, with the settings of that instant.
     """
 
     title = "companion"
@@ -70,7 +75,7 @@ class CompanionRole(Role):
         perception = self._perception
         if perception is None:
             kind = type(message)
-            if self._unavailable or kind not in (dialect.MAVLink_xitl_cloud_message, dialect.MAVLink_xitl_ping_message):
+            if self._unavailable or kind not in _SENSORS:
                 return answers
             perception = self._perception = self._start_perception()
             if perception is None:

@@ -399,8 +399,12 @@ XITL_BODY_KIND_PLANTS = 2
 enums["XITL_BODY_KIND"][2] = EnumEntry("XITL_BODY_KIND_PLANTS", """A raft of plants""")
 XITL_BODY_KIND_ANIMAL = 3
 enums["XITL_BODY_KIND"][3] = EnumEntry("XITL_BODY_KIND_ANIMAL", """An animal that swims""")
-XITL_BODY_KIND_ENUM_END = 4
-enums["XITL_BODY_KIND"][4] = EnumEntry("XITL_BODY_KIND_ENUM_END", """""")
+XITL_BODY_KIND_PLANK = 4
+enums["XITL_BODY_KIND"][4] = EnumEntry("XITL_BODY_KIND_PLANK", """A plank""")
+XITL_BODY_KIND_PLASTIC = 5
+enums["XITL_BODY_KIND"][5] = EnumEntry("XITL_BODY_KIND_PLASTIC", """An empty drum of plastic""")
+XITL_BODY_KIND_ENUM_END = 6
+enums["XITL_BODY_KIND"][6] = EnumEntry("XITL_BODY_KIND_ENUM_END", """""")
 
 # XITL_MANOEUVRE
 enums["XITL_MANOEUVRE"] = Enum()
@@ -1385,6 +1389,7 @@ MAVLINK_MSG_ID_XITL_PING = 54016
 MAVLINK_MSG_ID_XITL_OBSTACLE = 54017
 MAVLINK_MSG_ID_XITL_LAUNCH = 54018
 MAVLINK_MSG_ID_XITL_COMPANION_STATUS = 54019
+MAVLINK_MSG_ID_XITL_DETECTION = 54020
 
 
 class MAVLink_adsb_vehicle_message(MAVLink_message):
@@ -6162,22 +6167,22 @@ class MAVLink_xitl_obstacle_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_XITL_OBSTACLE
     msgname = "XITL_OBSTACLE"
-    fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits"]
-    ordered_fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits"]
-    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t"]
+    fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits", "bearing", "label_share", "label"]
+    ordered_fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits", "bearing", "label_share", "label"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t", "float", "float", "char"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
-    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "pos_ned": "m", "vel_ned": "m/s", "size": "m", "heading": "rad", "range": "m", "closing_speed": "m/s"}
-    native_format = bytearray(b"<QffffffHHH")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]
-    lengths = [1, 3, 3, 3, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 3, 3, 3, 0, 0, 0, 0, 0, 0]
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "pos_ned": "m", "vel_ned": "m/s", "size": "m", "heading": "rad", "range": "m", "closing_speed": "m/s", "bearing": "rad"}
+    native_format = bytearray(b"<QffffffHHHffc")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]
+    lengths = [1, 3, 3, 3, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 3, 3, 3, 0, 0, 0, 0, 0, 0, 0, 0, 16]
     crc_extra = 202
-    unpacker = struct.Struct("<Q3f3f3ffffHHH")
+    unpacker = struct.Struct("<Q3f3f3ffffHHHff16s")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_usec: int, pos_ned: Sequence[float], vel_ned: Sequence[float], size: Sequence[float], heading: float, range: float, closing_speed: float, id: int, points: int, hits: int):
+    def __init__(self, time_usec: int, pos_ned: Sequence[float], vel_ned: Sequence[float], size: Sequence[float], heading: float, range: float, closing_speed: float, id: int, points: int, hits: int, bearing: float = 0, label_share: float = 0, label: bytes = b""):
         MAVLink_message.__init__(self, MAVLink_xitl_obstacle_message.id, MAVLink_xitl_obstacle_message.msgname)
         self._fieldnames = MAVLink_xitl_obstacle_message.fieldnames
         self._instance_field = MAVLink_xitl_obstacle_message.instance_field
@@ -6192,9 +6197,13 @@ class MAVLink_xitl_obstacle_message(MAVLink_message):
         self.id = id
         self.points = points
         self.hits = hits
+        self.bearing = bearing
+        self.label_share = label_share
+        self._label_raw = label
+        self.label = label.split(b"\x00", 1)[0].decode("ascii", errors="replace")
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.pos_ned[0], self.pos_ned[1], self.pos_ned[2], self.vel_ned[0], self.vel_ned[1], self.vel_ned[2], self.size[0], self.size[1], self.size[2], self.heading, self.range, self.closing_speed, self.id, self.points, self.hits), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.pos_ned[0], self.pos_ned[1], self.pos_ned[2], self.vel_ned[0], self.vel_ned[1], self.vel_ned[2], self.size[0], self.size[1], self.size[2], self.heading, self.range, self.closing_speed, self.id, self.points, self.hits, self.bearing, self.label_share, self._label_raw), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -6251,22 +6260,22 @@ class MAVLink_xitl_companion_status_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_XITL_COMPANION_STATUS
     msgname = "XITL_COMPANION_STATUS"
-    fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre"]
-    ordered_fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre"]
-    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "uint8_t"]
+    fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre", "clouds_unplaced", "clouds_early", "detections", "detections_matched", "detections_dropped", "detections_early"]
+    ordered_fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre", "clouds_unplaced", "clouds_early", "detections", "detections_matched", "detections_dropped", "detections_early"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "uint8_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {"manoeuvre": "XITL_MANOEUVRE"}
     fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "latency": "s"}
-    native_format = bytearray(b"<QIIIIIIIIIIIIIfB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    native_format = bytearray(b"<QIIIIIIIIIIIIIfBIIIIII")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 232
-    unpacker = struct.Struct("<QIIIIIIIIIIIIIfB")
+    unpacker = struct.Struct("<QIIIIIIIIIIIIIfBIIIIII")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_usec: int, clouds: int, clouds_partial: int, chunks_lost: int, clouds_dropped: int, points: int, points_refused: int, pings: int, poses: int, poses_refused: int, map_points: int, obstacles: int, detours: int, stops: int, latency: float, manoeuvre: int):
+    def __init__(self, time_usec: int, clouds: int, clouds_partial: int, chunks_lost: int, clouds_dropped: int, points: int, points_refused: int, pings: int, poses: int, poses_refused: int, map_points: int, obstacles: int, detours: int, stops: int, latency: float, manoeuvre: int, clouds_unplaced: int = 0, clouds_early: int = 0, detections: int = 0, detections_matched: int = 0, detections_dropped: int = 0, detections_early: int = 0):
         MAVLink_message.__init__(self, MAVLink_xitl_companion_status_message.id, MAVLink_xitl_companion_status_message.msgname)
         self._fieldnames = MAVLink_xitl_companion_status_message.fieldnames
         self._instance_field = MAVLink_xitl_companion_status_message.instance_field
@@ -6287,14 +6296,67 @@ class MAVLink_xitl_companion_status_message(MAVLink_message):
         self.stops = stops
         self.latency = latency
         self.manoeuvre = manoeuvre
+        self.clouds_unplaced = clouds_unplaced
+        self.clouds_early = clouds_early
+        self.detections = detections
+        self.detections_matched = detections_matched
+        self.detections_dropped = detections_dropped
+        self.detections_early = detections_early
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.clouds, self.clouds_partial, self.chunks_lost, self.clouds_dropped, self.points, self.points_refused, self.pings, self.poses, self.poses_refused, self.map_points, self.obstacles, self.detours, self.stops, self.latency, self.manoeuvre), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.clouds, self.clouds_partial, self.chunks_lost, self.clouds_dropped, self.points, self.points_refused, self.pings, self.poses, self.poses_refused, self.map_points, self.obstacles, self.detours, self.stops, self.latency, self.manoeuvre, self.clouds_unplaced, self.clouds_early, self.detections, self.detections_matched, self.detections_dropped, self.detections_early), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_xitl_companion_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_detection_message(MAVLink_message):
+    """
+    Host to companion: an object in an image of a camera. Angles are
+    in the axes of the body: forward, right, down.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_DETECTION
+    msgname = "XITL_DETECTION"
+    fieldnames = ["time_usec", "position", "bearing", "width", "bottom", "top", "confidence", "label"]
+    ordered_fieldnames = ["time_usec", "position", "bearing", "width", "bottom", "top", "confidence", "label"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "char"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "position": "m", "bearing": "rad", "width": "rad", "bottom": "rad", "top": "rad"}
+    native_format = bytearray(b"<Qffffffc")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 3, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 3, 0, 0, 0, 0, 0, 16]
+    crc_extra = 17
+    unpacker = struct.Struct("<Q3ffffff16s")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, position: Sequence[float], bearing: float, width: float, bottom: float, top: float, confidence: float, label: bytes):
+        MAVLink_message.__init__(self, MAVLink_xitl_detection_message.id, MAVLink_xitl_detection_message.msgname)
+        self._fieldnames = MAVLink_xitl_detection_message.fieldnames
+        self._instance_field = MAVLink_xitl_detection_message.instance_field
+        self._instance_offset = MAVLink_xitl_detection_message.instance_offset
+        self.time_usec = time_usec
+        self.position = position
+        self.bearing = bearing
+        self.width = width
+        self.bottom = bottom
+        self.top = top
+        self.confidence = confidence
+        self._label_raw = label
+        self.label = label.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.position[0], self.position[1], self.position[2], self.bearing, self.width, self.bottom, self.top, self.confidence, self._label_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_detection_message, "name", mavlink_msg_deprecated_name_property())
 
 
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
@@ -6405,6 +6467,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_XITL_OBSTACLE: MAVLink_xitl_obstacle_message,
     MAVLINK_MSG_ID_XITL_LAUNCH: MAVLink_xitl_launch_message,
     MAVLINK_MSG_ID_XITL_COMPANION_STATUS: MAVLink_xitl_companion_status_message,
+    MAVLINK_MSG_ID_XITL_DETECTION: MAVLink_xitl_detection_message,
 }
 
 
@@ -6803,4 +6866,4 @@ class MAVLink(object):
 
 
 
-MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 259: 235, 260: 5, 262: 18, 269: 213, 270: 19, 285: 40, 330: 158, 331: 230, 54000: 43, 54006: 62, 54007: 28, 54009: 88}  # of messages with extensions
+MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 259: 235, 260: 5, 262: 18, 269: 213, 270: 19, 285: 40, 330: 158, 331: 230, 54000: 43, 54006: 62, 54007: 28, 54009: 88, 54017: 62, 54019: 65}  # of messages with extensions

@@ -16,6 +16,7 @@ from sim_core.keys import (
     NonNegative,
     Positive,
     Share,
+    ShortForm,
     Specification,
     SpecificationError,
     Vector,
@@ -79,6 +80,31 @@ class ExposureSpec(Specification):
     shot_noise: Annotated[Share, "standard deviation at full scale; it grows with the root of the light"] = 0.01
 
 
+ONNX = "onnx"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectorSpec(Specification):
+    """Finds objects in colour images. The keys after `kind` are for onnx."""
+
+    kind: Annotated[str, "colour, onnx, or the name of a package's detector"] = "colour"
+    model: Annotated[str | None, "file of a network in the format ONNX, relative to the profile"] = None
+    classes: Annotated[
+        tuple[str, ...], "names of the network's classes, in order: boom, buoy, vessel, debris, or others without score"
+    ] = ()
+    confidence: Annotated[Share, "least confidence of a detection"] = 0.25
+    overlap: Annotated[Share, "of two boxes with a larger intersection over union, one is dropped"] = 0.45
+
+    def check(self) -> None:
+        if self.kind == ONNX:
+            for key in ("model", "classes"):
+                if not getattr(self, key):
+                    raise SpecificationError((), f"of kind onnx needs {key!r}; add it")
+        elif self.model is not None or self.classes:
+            key = "classes" if self.model is None else "model"
+            raise SpecificationError((key,), f"is for kind: onnx, and this detector is kind: {self.kind}; remove it")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSpec(Specification):
     """A camera; roll, pitch and yaw turn its axis from straight ahead."""
@@ -103,7 +129,7 @@ class CameraSpec(Specification):
     quality: Annotated[int, Bounds(at_least=1, at_most=100), "of the recorded JPEG"] = 85
     truth: Annotated[bool, "record boxes of the visible objects, and the horizon, with each image"] = True
     detector: Annotated[
-        str | None, "finds objects in colour images: colour, or the name of a package's; null: none"
+        DetectorSpec | None, ShortForm("kind"), "null: none; a text is its kind, so `detector: colour`"
     ] = None
     serve: Annotated[
         str | None,
@@ -113,7 +139,7 @@ class CameraSpec(Specification):
     def check(self) -> None:
         if self.detector is not None and self.kind != "colour":
             raise SpecificationError(
-                ("detector",), f"= {self.detector} needs colours, and this camera is kind: {self.kind}; remove it"
+                ("detector",), f"= {self.detector.kind} needs colours, and this camera is kind: {self.kind}; remove it"
             )
         if not _NAME.fullmatch(self.name):
             raise SpecificationError(

@@ -1,4 +1,4 @@
-"""Drifting bodies: trunks, branches, rafts of plants and animals; their draft, drift and rotation.
+"""Floating bodies: trunks, branches, rafts of plants, animals, planks, plastic and buoys; their draft and motion.
 
     make_body(BodyKind.TRUNK, length_m=None) -> Body
     debris = launched(no_debris(), Launch(...), current_ned_mps, surface_down_m, water_kgpm3)
@@ -12,6 +12,10 @@ from above times the mean of max(z - level, 0) over each. No triangle is cut.
 Horizontally a body follows m (1 + C_a) u' = F + 1/2 rho C_d A |w| w (Morison et al. 1950, with its drag and added
 mass). w is the velocity of the water, plus the swimming velocity, relative to the body. A is the wetted area across or
 along the flow. Eddies turn the body slowly back and forth, and it floats on the waves' surface.
+
+Wind adds the leeway of a body whose drag in air and water balance, (rho_a A_a / (rho_w A_w))^0.5 of the wind
+(Richardson 1997, "Drifting in the wind: leeway error in shipdrift data"). A_a and A_w are the projected areas above and
+below the water. A mooring is a line that becomes taut at a distance from its anchor.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy import float64
@@ -27,9 +32,25 @@ from numpy.typing import NDArray
 
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
-from sim_core.world.geometry import HIDE, LEAVES, WOOD, Material, Mesh, cylinder, ellipsoid, merged, moved
+from sim_core.world.geometry import (
+    HIDE,
+    LEAVES,
+    PLASTIC,
+    STEEL,
+    UPRIGHT,
+    WOOD,
+    Material,
+    Mesh,
+    box,
+    cylinder,
+    ellipsoid,
+    merged,
+    moved,
+    revolved,
+)
 from sim_core.world.plan import Capsules, Numbers
 from sim_core.world.rays import NO_BODIES, Bodies
+from sim_core.world.spec import BuoyColour, BuoyShape
 
 
 def volume_below_m3(mesh: Mesh, level_m: float) -> float:
@@ -84,20 +105,62 @@ class BodyKind(IntEnum):
     BRANCH = 1
     PLANTS = 2
     ANIMAL = 3
+    PLANK = 4
+    PLASTIC = 5
+    BUOY = 6
 
 
-USUAL_LENGTH_M = {BodyKind.TRUNK: 5.0, BodyKind.BRANCH: 3.0, BodyKind.PLANTS: 2.5, BodyKind.ANIMAL: 1.2}
+USUAL_LENGTH_M = {
+    BodyKind.TRUNK: 5.0,
+    BodyKind.BRANCH: 3.0,
+    BodyKind.PLANTS: 2.5,
+    BodyKind.ANIMAL: 1.2,
+    BodyKind.PLANK: 2.4,
+    BodyKind.PLASTIC: 0.9,
+    BodyKind.BUOY: 0.8,
+}
+"""Of a buoy, the diameter."""
 
 # Densities of the whole volume, with its water and air. A drifting trunk lies 60 to 90 % under water. A raft of water
-# hyacinth is mostly air. A capybara swims with back and head above water.
-_DENSITY_KGPM3 = {BodyKind.TRUNK: 750.0, BodyKind.BRANCH: 800.0, BodyKind.PLANTS: 340.0, BodyKind.ANIMAL: 640.0}
+# hyacinth is mostly air. A capybara swims with back and head above water. Plastic is an empty drum.
+_DENSITY_KGPM3 = {
+    BodyKind.TRUNK: 750.0,
+    BodyKind.BRANCH: 800.0,
+    BodyKind.PLANTS: 340.0,
+    BodyKind.ANIMAL: 640.0,
+    BodyKind.PLANK: 600.0,
+    BodyKind.PLASTIC: 120.0,
+    BodyKind.BUOY: 400.0,
+}
 _SWIM_MPS = {BodyKind.ANIMAL: 0.25}
 _MATERIAL: dict[BodyKind, Material] = {
     BodyKind.TRUNK: WOOD,
     BodyKind.BRANCH: WOOD,
     BodyKind.PLANTS: LEAVES,
     BodyKind.ANIMAL: HIDE,
+    BodyKind.PLANK: WOOD,
+    BodyKind.PLASTIC: PLASTIC,
+    BodyKind.BUOY: STEEL,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class BuoyForm:
+    """Shape and equipment of a buoy."""
+
+    shape: BuoyShape = "can"
+    colour: BuoyColour = "red"
+    reflector_m2: float = 0.0
+    """Radar cross section of its reflector."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mooring:
+    """A line from an anchor. It is taut at swing_m from the anchor, in plan."""
+
+    north_m: float
+    east_m: float
+    swing_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,27 +185,46 @@ class Body:
     drag_kgpm: tuple[float, float]
     """1/2 rho C_d A along and across."""
     swim_mps: float
+    windage: float
+    """Leeway, as a share of the wind."""
+    buoy: BuoyForm | None = None
+    mooring: Mooring | None = None
+    """None: it drifts."""
 
 
-@lru_cache(maxsize=256)
-def make_body(kind: BodyKind, length_m: float | None = None, water_kgpm3: float = USUAL_WATER_KGPM3) -> Body:
-    """Return a body of a kind, of the usual length unless given, afloat in water of a density.
+def make_body(
+    kind: BodyKind,
+    length_m: float | None = None,
+    water_kgpm3: float = USUAL_WATER_KGPM3,
+    buoy: BuoyForm | None = None,
+) -> Body:
+    """Return a body of a kind, of the usual length unless given, afloat in water of a density. buoy: for a BUOY.
 
     The same arguments give the same object and mesh.
 
     Raises ValueError for an invalid length.
     """
+    return _make_body(kind, length_m, water_kgpm3, buoy)
+
+
+@lru_cache(maxsize=256)
+def _make_body(kind: BodyKind, length_m: float | None, water_kgpm3: float, buoy: BuoyForm | None) -> Body:
     length = USUAL_LENGTH_M[kind] if length_m is None else length_m
     if not (math.isfinite(length) and 0.1 <= length <= 50.0):
         raise ValueError(f"a {kind.name.lower()} of {length} m; give a length from 0.1 to 50 m")
     scale = length / USUAL_LENGTH_M[kind]
-    mesh, half_axis_m, radius_m = _SHAPES[kind](scale, _MATERIAL[kind])
+    if kind is BodyKind.BUOY:
+        buoy = buoy or BuoyForm()
+        mesh, half_axis_m, radius_m = _buoy(length, buoy.shape)
+    else:
+        mesh, half_axis_m, radius_m = _SHAPES[kind](scale, _MATERIAL[kind])
     low = float(mesh.vertices_m[:, 2].min())
     mass_kg = _DENSITY_KGPM3[kind] * volume_below_m3(mesh, low)
     waterline = waterline_m(mesh, mass_kg / water_kgpm3)
     draught_m = float(mesh.vertices_m[:, 2].max()) - waterline
     width_m = 2.0 * radius_m
-    drag_m2 = DRAG_ALONG * width_m * draught_m, DRAG_ACROSS * (2.0 * half_axis_m + width_m) * draught_m
+    across_m2 = DRAG_ACROSS * (2.0 * half_axis_m + width_m) * draught_m
+    drag_m2 = across_m2 if buoy is not None else DRAG_ALONG * width_m * draught_m, across_m2  # a buoy is round
     return Body(
         kind=kind,
         length_m=length,
@@ -156,7 +238,28 @@ def make_body(kind: BodyKind, length_m: float | None = None, water_kgpm3: float 
         radius_m=radius_m,
         drag_kgpm=(0.5 * water_kgpm3 * drag_m2[0], 0.5 * water_kgpm3 * drag_m2[1]),
         swim_mps=_SWIM_MPS.get(kind, 0.0),
+        windage=_leeway(mesh, waterline, water_kgpm3),
+        buoy=buoy,
     )
+
+
+AIR_KGPM3 = 1.225
+
+
+def _leeway(mesh: Mesh, waterline_m: float, water_kgpm3: float) -> float:
+    """Return the balance of drag in air and water, from the areas of the sides that face right."""
+    corner = mesh.vertices_m[mesh.faces]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    aside_m2 = 0.25 * np.abs(across[:, 1])  # a closed surface shows each side once
+    a, b, c = np.sort(corner[:, :, 2], axis=1).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one_dry = (waterline_m - a) ** 2 / ((b - a) * (c - a))
+        one_wet = 1.0 - (c - waterline_m) ** 2 / ((c - a) * (c - b))
+    above = np.where(
+        waterline_m <= a, 0.0, np.where(waterline_m >= c, 1.0, np.where(waterline_m <= b, one_dry, one_wet))
+    )
+    dry_m2, all_m2 = float(aside_m2 @ above), float(aside_m2.sum())
+    return math.sqrt(AIR_KGPM3 * dry_m2 / (water_kgpm3 * max(all_m2 - dry_m2, 1e-9)))
 
 
 def _trunk(scale: float, material: Material) -> tuple[Mesh, float, float]:
@@ -188,6 +291,39 @@ def _animal(scale: float, material: Material) -> tuple[Mesh, float, float]:
     return _scaled(merged([back, head]), scale), 0.4 * scale, 0.2 * scale
 
 
+def _plank(scale: float, material: Material) -> tuple[Mesh, float, float]:
+    return box((2.4 * scale, 0.22 * scale, 0.06 * scale), material), 1.09 * scale, 0.11 * scale
+
+
+def _drum(scale: float, material: Material) -> tuple[Mesh, float, float]:
+    return cylinder(0.29 * scale, 0.9 * scale, material, sides=20), 0.18 * scale, 0.29 * scale
+
+
+_BUOY_OUTLINES: dict[BuoyShape, tuple[tuple[float, float], ...]] = {
+    "can": ((0.0, 0.0), (0.0, 0.5), (1.3, 0.5), (1.3, 0.0)),
+    "cone": ((0.0, 0.0), (0.0, 0.5), (0.7, 0.5), (1.6, 0.0)),
+    "sphere": tuple((0.5 - 0.5 * math.cos(a), 0.5 * math.sin(a)) for a in np.linspace(0.0, math.pi, 13).tolist()),
+    "pillar": ((0.0, 0.0), (0.0, 0.5), (0.6, 0.5), (0.7, 0.18), (2.6, 0.18), (2.6, 0.0)),
+    "spar": ((0.0, 0.0), (0.0, 0.5), (8.0, 0.5), (8.0, 0.0)),
+}
+"""Height above the bottom and radius, for a diameter of 1."""
+_BUOY_RINGS = 24
+
+
+def _buoy(diameter_m: float, shape: BuoyShape) -> tuple[Mesh, float, float]:
+    """A surface of revolution, with rings at which its colour may change."""
+    outline = diameter_m * np.array(_BUOY_OUTLINES[shape])
+    outline[[0, -1], 1] = 0.0
+    step_m = outline[-1, 0] / _BUOY_RINGS
+    points = [outline[:1]]
+    for low, high in pairwise(outline):
+        parts = max(math.ceil((high[0] - low[0]) / step_m - 1e-9), 1)
+        points.append(low + np.linspace(0.0, 1.0, parts + 1)[1:, None] * (high - low))
+    height_m, radius_m = np.concatenate(points).T
+    upright = moved(revolved(height_m, radius_m, _MATERIAL[BodyKind.BUOY], sides=20), (0.0, 0.0, 0.0), UPRIGHT)
+    return upright, 0.01 * diameter_m, 0.49 * diameter_m
+
+
 def _twig(foot_m: Point, tip_m: Point, radius_m: float, material: Material) -> Mesh:
     """A thin cylinder from foot to tip."""
     foot, tip = np.array(foot_m), np.array(tip_m)
@@ -208,6 +344,8 @@ _SHAPES = {
     BodyKind.BRANCH: _branch,
     BodyKind.PLANTS: _plants,
     BodyKind.ANIMAL: _animal,
+    BodyKind.PLANK: _plank,
+    BodyKind.PLASTIC: _drum,
 }
 
 
@@ -229,7 +367,12 @@ class Launch:
     east_m: float
     heading_rad: float = 0.0
     length_m: float | None = None
-    """None for the usual length of the kind."""
+    """None for the usual length of the kind. Of a buoy, the diameter."""
+    windage: float | None = None
+    """Leeway as a share of the wind; None for that of the shape."""
+    buoy: BuoyForm | None = None
+    swing_m: float | None = None
+    """Moored at its place by a line that is taut at this distance; None: it drifts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,6 +392,9 @@ class DebrisState:
     scheduled: int
     """Number of the waterway's launches already in the water."""
     figures: Figures
+
+
+_ADRIFT = Mooring(0.0, 0.0, math.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,6 +419,12 @@ class Figures:
     """Swimming speeds, (B,)."""
     phases_rad: Array
     """Phases of the eddies, (B, 2)."""
+    windage: Array
+    """Value of `Body`, (B,)."""
+    anchor_ne_m: Array
+    """Anchors, (B, 2), and 0 for bodies that drift."""
+    swing_m: Array
+    """Value of `Mooring`, (B,), and inf for bodies that drift."""
 
     @classmethod
     def from_bodies(cls, bodies: tuple[Body, ...]) -> Figures:
@@ -280,6 +432,7 @@ class Figures:
             return np.array([getattr(body, name) for body in bodies], dtype=float64)
 
         number = np.arange(len(bodies))
+        moorings = [body.mooring or _ADRIFT for body in bodies]
         return cls(
             masses_kg=np.outer(column("mass_kg"), (1.0 + ADDED_ALONG, 1.0 + ADDED_ACROSS)),
             drag_kgpm=column("drag_kgpm").reshape(-1, 2),
@@ -290,6 +443,9 @@ class Figures:
             middle_m=column("middle_below_surface_m"),
             swim_mps=column("swim_mps"),
             phases_rad=2.0 * math.pi * np.column_stack([number * _GOLDEN % 1.0, number * _GOLDEN**2 % 1.0]),
+            windage=column("windage"),
+            anchor_ne_m=np.array([[line.north_m, line.east_m] for line in moorings]).reshape(-1, 2),
+            swing_m=np.array([line.swing_m for line in moorings]),
         )
 
 
@@ -316,8 +472,13 @@ def launched(
     surface_down_m: float,
     water_kgpm3: float = USUAL_WATER_KGPM3,
 ) -> DebrisState:
-    """Add one body that already drifts with the (3,) current. Raises ValueError for an impossible length."""
-    body = make_body(launch.kind, launch.length_m, water_kgpm3)
+    """Add one body that drifts with the (3,) current, or is moored. Raises ValueError for an impossible length."""
+    body = make_body(launch.kind, launch.length_m, water_kgpm3, launch.buoy)
+    if launch.windage is not None:
+        body = replace(body, windage=launch.windage)
+    if launch.swing_m is not None:
+        body = replace(body, mooring=Mooring(launch.north_m, launch.east_m, launch.swing_m))
+        current_ned_mps = np.zeros(3)
     bodies = (*debris.bodies, body)
     place = [launch.north_m, launch.east_m, surface_down_m + body.middle_below_surface_m]
     swimming = [body.swim_mps * math.cos(launch.heading_rad), body.swim_mps * math.sin(launch.heading_rad), 0.0]

@@ -1,4 +1,4 @@
-"""Contact of debris with fixed structures and with the banks.
+"""Contact of debris with fixed structures and with the banks, and the pull of moorings.
 
 Bodies weigh from grams to tonnes and move in long steps, so spring and damper are implicit. The force is that at the
 end of the step, F = k (x + x' dt) + c x', which is stable for any mass and step. Contacts of one body depend on each
@@ -28,14 +28,14 @@ def held_by(standing: Capsules, bed: Bed | None, debris: DebrisState, dt_s: floa
     of a free step.
     """
     bodies, figures = capsules_of(debris), debris.figures
-    # For each touch: body, position, normal and depth.
-    parts: list[tuple[Numbers, Array, Array, Array]] = []
+    # For each touch: body, position, normal, depth and friction.
+    parts: list[tuple[Numbers, Array, Array, Array, float]] = []
     if len(standing):
         reach = figures.half_axis_m + figures.radius_m
         body, other = np.nonzero(standing.distance_m(debris.pos_ned_m[:, :2]) < reach[:, None])
         if len(body):
             touch = touches(bodies, standing, body, other)
-            parts.append((touch.first, touch.place_ne_m, touch.normal_ne, touch.depth_m))
+            parts.append((touch.first, touch.place_ne_m, touch.normal_ne, touch.depth_m, FRICTION))
     if bed is not None:
         ends = np.concatenate([bodies.from_ne_m, bodies.to_ne_m])
         lowest_m = debris.pos_ned_m[:, 2] - figures.middle_m + figures.draught_m
@@ -47,11 +47,20 @@ def held_by(standing: Capsules, bed: Bed | None, debris: DebrisState, dt_s: floa
             uphill = np.maximum(level, 1e-3)  # a body is not lifted: it is pushed back down the slope
             depth = over[aground] * -normal[:, 2] / uphill
             out = normal[:, :2] / uphill[:, None]
-            parts.append((aground % len(bodies), ends[aground], out, np.minimum(depth, 0.5)))
+            parts.append((aground % len(bodies), ends[aground], out, np.minimum(depth, 0.5), FRICTION))
+    moored = np.flatnonzero(np.isfinite(figures.swing_m))
+    if len(moored):
+        toward = figures.anchor_ne_m[moored] - debris.pos_ned_m[moored, :2]
+        away_m = np.hypot(toward[:, 0], toward[:, 1])
+        taut = away_m > figures.swing_m[moored]
+        line, away_m = moored[taut], away_m[taut]
+        normal = toward[taut] / np.maximum(away_m, 1e-9)[:, None]
+        parts.append((line, debris.pos_ned_m[line, :2], normal, away_m - figures.swing_m[line], 0.0))
     if not any(len(body) for body, *_ in parts):
         return None
-    body, place, normal, depth = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return holding(debris, body, place, normal, depth, dt_s)
+    frictions = np.concatenate([np.full(len(body), friction) for body, *_, friction in parts])
+    body, place, normal, depth = (np.concatenate(column) for column in zip(*(part[:4] for part in parts), strict=True))
+    return holding(debris, body, place, normal, depth, frictions, dt_s)
 
 
 def together(push: Push, other: Push | None) -> Push:
@@ -62,9 +71,17 @@ def together(push: Push, other: Push | None) -> Push:
 
 
 def holding(
-    debris: DebrisState, body: Numbers, place_ne_m: Array, normal_ne: Array, depth_m: Array, dt_s: float
+    debris: DebrisState,
+    body: Numbers,
+    place_ne_m: Array,
+    normal_ne: Array,
+    depth_m: Array,
+    friction: Array,
+    dt_s: float,
 ) -> Push:
     """Return the push of K touches: body (K,), position and unit normal away from the structure (K, 2), depth_m (K,).
+
+    friction: coefficients, (K,), 0 for moorings.
 
     debris: with the velocities that the bodies would have at the end of a free step.
     """
@@ -84,7 +101,7 @@ def holding(
             missing = here.release_mps - np.vecdot(moving, here.across) - softness * pressed
             presses = np.maximum(pressed + missing / (here.yields_across + softness), 0.0)
             moving += (presses - pressed)[:, None] * here.pushed_across
-            most = FRICTION * presses
+            most = friction[here.rows] * presses
             rubs = np.minimum(np.maximum(rubbed - np.vecdot(moving, here.along) / here.yields_along, -most), most)
             velocity[here.body] = moving + (rubs - rubbed)[:, None] * here.pushed_along
             press[here.rows], rub[here.rows] = presses, rubs

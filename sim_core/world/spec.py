@@ -24,6 +24,14 @@ from sim_core.keys import (
 MaterialName = Literal[
     "concrete", "steel", "plastic", "wood", "leaves", "hide", "earth", "rock", "wall", "bed"
 ]  # fmt: skip
+DebrisName = Literal["trunk", "branch", "plants", "animal", "plank", "plastic"]
+"""Kinds of drifting bodies."""
+BuoyShape = Literal["can", "cone", "sphere", "pillar", "spar"]
+BuoyColour = Literal[
+    "red", "green", "yellow", "orange", "white", "black", "blue", "port-a", "starboard-a", "port-b", "starboard-b",
+    "north", "east", "south", "west", "isolated-danger", "safe-water", "special", "wreck",
+]  # fmt: skip
+"""Plain colours, and marks of the IALA maritime buoyage system (R1001) with their regions A and B."""
 NEAREST_TREE_M = 4.0
 """Least distance of a tree from the waterline."""
 AIS_NAME = 20  # characters
@@ -186,6 +194,20 @@ class MeshFileSpec(Specification):
     scale: Annotated[Positive, "metres per unit of the mesh"] = 1.0
     up: Annotated[Literal["y", "z"], "z: axes x east, y north, z up; y: axes x east, y up"] = "z"
     material: MaterialName = "concrete"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuoySpec(Specification):
+    """A moored buoy. It moves up and down with the waves, and its mooring holds it against current and wind."""
+
+    pos_ned_m: Annotated[Place, "position of the anchor, north and east"]
+    shape: Annotated[BuoyShape, "can, cone and sphere are about as high as wide; pillar and spar are taller"] = "can"
+    diameter_m: Annotated[float, Bounds(at_least=0.1, at_most=5)] = 0.8
+    colour: Annotated[
+        BuoyColour, "a plain colour, or a mark of the IALA maritime buoyage system; a and b are its regions"
+    ] = "red"
+    swing_m: Annotated[NonNegative, "distance from the anchor, in plan, at which the mooring becomes taut"] = 0.5
+    reflector_m2: Annotated[NonNegative, "radar cross section of its reflector, in addition to the hull"] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

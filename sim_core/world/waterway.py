@@ -67,6 +67,8 @@ class WaterMotion:
     surface_down_m: Callable[[Array], Array]
     """Returns the down coordinate of the surface at (B, 2) places."""
     density_kgpm3: float
+    wind_ne_mps: Callable[[], Array] = lambda: np.zeros(2)
+    """Returns the wind 10 m above the water, (2,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,9 +140,9 @@ def step_together(
             push = together(own, push)
     # Debris, in the vessels' steps while a vessel is near
     if debris.bodies and short:
-        debris = _carried(waterway, debris, times.dt_ns, water, push)
+        debris = carry(waterway, debris, times.dt_ns, water, push)
     elif debris.bodies and long_step:
-        debris = _carried(waterway, debris, times.long_ns, water, None)
+        debris = carry(waterway, debris, times.long_ns, water, None)
     return [Afloat(debris, *part) for part in parts]
 
 
@@ -182,10 +184,11 @@ def _launch_due(waterway: Waterway, debris: DebrisState, time_ns: int, water: Wa
     return debris
 
 
-def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: WaterMotion, push: Push | None) -> DebrisState:
-    """Return the debris one step later, held by fixed structures and by the banks."""
-    place = debris.pos_ned_m
-    current, surface = water.current_ned_mps(place), water.surface_down_m(place[:, :2])
+def carry(waterway: Waterway, debris: DebrisState, dt_ns: int, water: WaterMotion, push: Push | None) -> DebrisState:
+    """Return the debris one step later, held by fixed structures, by the banks and by moorings."""
+    place, leeway = debris.pos_ned_m, np.zeros((len(debris.bodies), 3))
+    leeway[:, :2] = debris.figures.windage[:, None] * water.wind_ne_mps()
+    current, surface = water.current_ned_mps(place) + leeway, water.surface_down_m(place[:, :2])
     free = drift(debris, dt_ns, current, surface, push)
     # The holding force must stop the velocity that the current adds in this step. Light bodies reach the current in one
     # step.

@@ -14,6 +14,7 @@ import pytest
 from conftest import command, environment
 from mcap.reader import make_reader
 
+from tests.colour_network import write_network
 from tests.forked_xitl import run_xitl
 from xitl_cli.logs import open_log
 
@@ -30,6 +31,19 @@ sensors:
     - {name: labels, kind: segmentation, width_px: 80, height_px: 60, rate_hz: 2, pitch_deg: -6}
     - {name: warm, kind: thermal, width_px: 80, height_px: 60, rate_hz: 2}
     - {name: wide, width_px: 120, height_px: 120, rate_hz: 2, lens: {model: fisheye, view_deg: 180}, gimbal: {}}
+"""
+
+
+NETWORK = """\
+extends: sitl-camera
+mission: {start: {north_m: 19.8, east_m: 23.6, heading_deg: 306.87}}
+world:
+  debris: {encounters: {count: 0}}
+  buoys: [{pos_ned_m: [24.6, 17.2], shape: can, colour: red, diameter_m: 3.5, swing_m: 0.1}]
+sensors:
+  cameras:
+    - {name: front, width_px: 160, height_px: 120, rate_hz: 4, pitch_deg: -6,
+       detector: {kind: onnx, model: red.onnx, classes: [buoy, other], confidence: 0.6}}
 """
 
 
@@ -141,6 +155,27 @@ def test_without_opengl_it_says_what_to_install(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "apt install libegl1 libgl1-mesa-dri" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_network_finds_a_red_buoy_in_a_run(tmp_path: Path) -> None:
+    write_network(tmp_path / "red.onnx")
+    (tmp_path / "own.yaml").write_text(NETWORK)
+    done = run(tmp_path, "own.yaml", "--duration", "3")
+    assert done.returncode in (0, 1), done.stderr  # the mission is longer
+    score = summary(tmp_path)["cameras"]["by_name"]["front"]["detector"]["buoy"]
+    assert score["recall"] == 1.0
+    assert score["precision"] > 0.8
+    with open_log(tmp_path / "run/run.mcap", "") as log:
+        found = log.tables["/cameras/detections"]
+        assert set(found.values("label")) == {"buoy"}
+        bearing_deg = np.degrees(found.values("bearing_rad"))
+        assert np.abs(bearing_deg).max() < 15.0  # of boxes on a buoy of 25 degrees straight ahead
+        assert bearing_deg.mean() == pytest.approx(0.0, abs=3.0)
+    done = run(
+        tmp_path, "own.yaml", "--duration", "1", "--overwrite", sets=["sensors.cameras.0.detector.classes=[buoy]"]
+    )
+    assert done.returncode == 2
+    assert "so 2 classes, and detector.classes has 1" in done.stderr
 
 
 def test_a_detector_that_fails_ends_the_run_with_its_name(tmp_path: Path) -> None:

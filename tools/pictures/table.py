@@ -69,6 +69,7 @@ PICTURES: dict[str, Maker] = {
     "fleet.png": plots.fleet,
     "perception.png": plots.perception,
     "cameras.jpg": cameras.draw,
+    "buoys.jpg": cameras.draw_buoys,
     "radar.png": plots.radar,
     "learning.png": plots.learning,
     "identify.png": plots.identification,

@@ -464,6 +464,12 @@ def perception_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         if obstacles["min_clearance_m"] is not None:
             text += f", smallest clearance {obstacles['min_clearance_m']:.1f} m"
         yield "obstacles", f"{text}; {companion['detours']} detours, {companion['stops']} stops"
+        if companion["detections"] and obstacles["classes"]:
+            classes = ", ".join(
+                f"{one['right']} of {one['tracked']} {name}" for name, one in obstacles["classes"].items()
+            )
+            matched = f"{companion['detections_matched']} of {companion['detections']} detections matched"
+            yield "classes", f"right for {classes}; {matched}"
         lost = companion["chunks_lost"] + companion["map_chunks_lost"]
         if lost or companion["clouds_dropped"]:
             dropped = companion["clouds_dropped"]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+from sim_core.world.spec import DebrisName
 from xitl_cli.errors import UserError
 
 DEFAULT_URL = "udp://127.0.0.1:14670"
@@ -14,8 +15,8 @@ DEFAULT_URL = "udp://127.0.0.1:14670"
 
 def launch(
     kind: Annotated[
-        Literal["trunk", "branch", "plants", "animal"],
-        typer.Argument(metavar="KIND", help="trunk, branch, plants or animal."),
+        DebrisName,
+        typer.Argument(metavar="KIND", help="trunk, branch, plants, animal, plank or plastic."),
     ],
     at: Annotated[
         str, typer.Option("--at", metavar="N,E", help="Position, in metres north and east of the site's origin.")

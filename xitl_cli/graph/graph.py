@@ -118,7 +118,7 @@ TO_AGENT = _table(
             (("D", "C"),),
         ),
         # Only to a companion: its sensor data, and the autopilot's reports.
-        (_ids("XITL_CLOUD", "XITL_PING"), (("PS1", "S"),)),
+        (_ids("XITL_CLOUD", "XITL_PING", "XITL_DETECTION"), (("PS1", "S"),)),
         (_ids("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"), (("LS", "C"),)),
         (_ids("MISSION_CURRENT", "MISSION_ITEM_REACHED"), (("LC", "C"),)),
     ]

@@ -39,6 +39,7 @@ _ANY_FILE: tuple[KeyPath, ...] = (
 _FILES_IN_LISTS: tuple[tuple[KeyPath, KeyPath, tuple[str, ...]], ...] = (
     (("world", "meshes"), ("file",), ("",)),
     (("vehicle", "hulls"), ("mesh", "file"), ("",)),
+    (("sensors", "cameras"), ("detector", "model"), ("",)),
     (("autopilot", "parameter_files"), (), parameter_files.SUFFIXES),
 )
 """Lists with paths: the list, the path within an item, and the suffixes that make a text a path."""

@@ -13,6 +13,7 @@ from typing import Any, TypeVar, get_args, get_origin
 
 from sim_core.keys import (
     RegisteredGroups,
+    ShortForm,
     SpecificationError,
     alternatives,
     entries,
@@ -111,6 +112,9 @@ class Reader:
             return entry.plain() if problem is None else self._wrong(entry, path, problem)
         kind, markers = alternatives(annotation)[0]
         if is_dataclass(kind):
+            short = next((marker for marker in markers if isinstance(marker, ShortForm)), None)
+            if short is not None and isinstance(entry.value, str):
+                entry = Entry({short.key: entry}, entry.origin)
             return self._group(entry, kind, path)
         if get_origin(kind) is dict:
             if not isinstance(entry.value, dict):

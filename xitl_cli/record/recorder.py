@@ -529,6 +529,9 @@ class PerceptionRecorder:
             message.heading,
             message.range,
             message.closing_speed,
+            message.bearing,
+            message.label,
+            message.label_share,
         )
 
     def companion(self, stamp_ns: int, message: Any) -> None:

@@ -484,6 +484,24 @@ class RadarSectorMessage:
 
 
 @dataclass(frozen=True, slots=True)
+class CameraDetection:
+    """An object that a detector found in an image of a camera."""
+
+    camera: Annotated[String, "name of the camera"]
+    image: Annotated[Int64, "number of the image"]
+    label: Annotated[String, "class"]
+    left_px: Float64
+    top_px: Float64
+    right_px: Float64
+    bottom_px: Float64
+    confidence: Annotated[Float64, "0 to 1"]
+    bearing_rad: Annotated[Float64, "from the bow to its middle, clockwise, in the axes of the body"]
+    width_rad: Annotated[Float64, "from its left to its right edge, in bearing"]
+    bottom_rad: Annotated[Float64, "elevation of its lower edge in the axes of the body, up positive"]
+    top_rad: Annotated[Float64, "elevation of its upper edge"]
+
+
+@dataclass(frozen=True, slots=True)
 class RadarPlot:
     """An object in the image of a radar's turn. Angles are clockwise."""
 
@@ -509,6 +527,9 @@ class ObstacleMessage:
     heading_rad: Float64
     range_m: Float64
     closing_speed_mps: Float64
+    bearing_rad: Annotated[Float64, "from the bow to its middle, clockwise"]
+    label: Annotated[String, "class that the cameras saw, empty for none"]
+    label_share: Annotated[Float64, "share of the cameras' evidence that is for this class"]
 
 
 class CompanionMessage:
@@ -529,6 +550,12 @@ class CompanionMessage:
     stops: Int64
     latency_s: Float64
     manoeuvre: Uint8
+    clouds_unplaced: Int64
+    clouds_early: Int64
+    detections: Int64
+    detections_matched: Int64
+    detections_dropped: Int64
+    detections_early: Int64
 
 
 @dataclass(frozen=True, slots=True)
@@ -680,6 +707,10 @@ def topic_name(topic: Topic, vessel: str = "", link: str = "") -> str:
     """
     name = topic.name.format(link=link)
     return f"/{vessel}{name}" if vessel and topic.per_vessel else name
+
+
+DETECTIONS = "/cameras/detections"
+"""Objects that the detectors of cameras found: CameraDetection."""
 
 
 def camera_topic(camera: str, content: str) -> str:

@@ -36,12 +36,63 @@ def test_an_orange_line_on_the_water_is_a_boom() -> None:
     assert max(bottom for _, _, _, bottom in boxes) <= 162.0
 
 
-def test_a_body_of_another_colour_is_debris() -> None:
+@pytest.mark.parametrize(
+    ("colour", "label"),
+    [
+        ((190, 20, 15), "buoy"),
+        ((240, 200, 20), "buoy"),
+        ((15, 115, 50), "buoy"),
+        ((25, 70, 160), "debris"),
+        ((69, 117, 43), "debris"),
+    ],
+)
+def test_colour_and_size_decide_the_class(colour: tuple[int, int, int], label: str) -> None:
     image = river()
-    image[190:205, 60:110] = (60, 150, 50)
+    # 30 px below the horizon, at a focal length of 229 px and 0.95 m over the water: 7 m away and 1.6 m wide
+    image[140:150, 60:110] = colour
     found = ColourDetector(CAMERA, lens_of(CAMERA)).detect(image)
-    assert [one.label for one in found] == ["debris"]
-    assert covered(found[0].box_px, [(59.5, 189.5, 109.5, 204.5)]) > 0.6
+    assert [one.label for one in found] == [label]
+    assert covered(found[0].box_px, [(59.5, 139.5, 109.5, 149.5)]) > 0.6
+    assert covered((59.5, 139.5, 109.5, 149.5), [found[0].box_px]) > 0.6
+
+
+def test_a_white_object_that_rises_above_the_horizon_is_a_boat() -> None:
+    image = river()
+    image[100:150, 60:140] = (80, 75, 60)  # a bank behind it
+    image[108:150, 60:120] = (235, 235, 232)
+    found = ColourDetector(CAMERA, lens_of(CAMERA)).detect(image)
+    assert [one.label for one in found] == ["vessel"]
+    assert covered((59.5, 107.5, 119.5, 149.5), [found[0].box_px]) > 0.7
+    below = river()
+    below[140:150, 60:110] = (235, 235, 232)  # sky in the water
+    assert not ColourDetector(CAMERA, lens_of(CAMERA)).detect(below)
+
+
+def test_the_mirror_image_is_no_part_of_a_buoy() -> None:
+    image = river()
+    image[140:152, 100:112], image[152:164, 100:112] = (190, 20, 15), (120, 55, 45)
+    found = ColourDetector(CAMERA, lens_of(CAMERA)).detect(image)
+    assert [one.label for one in found] == ["buoy"]
+    assert found[0].box_px[3] == pytest.approx(151.5, abs=2.0)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.05, -0.04])
+def test_the_horizon_is_the_line_between_sky_and_water(slope: float) -> None:
+    rows, columns = np.mgrid[:240, :320]
+    line = 112.0 + slope * (columns - 159.5)
+    image = np.where((rows < line)[..., None], (180, 190, 200), (80, 75, 60)).astype(np.uint8)
+    found = ColourDetector(CAMERA, lens_of(CAMERA)).find_horizon(image)
+    assert found == pytest.approx((112.0 - 159.5 * slope, 112.0 + 159.5 * slope), abs=2.0)
+    assert ColourDetector(CAMERA, lens_of(CAMERA)).find_horizon(np.full((240, 320, 3), 90, np.uint8)) is None
+
+
+def test_the_score_of_the_horizon_is_its_rms_over_both_ends() -> None:
+    score = DetectorScore()
+    assert score.report() == {}
+    score.horizon.add((103.0, 96.0), (100.0, 100.0))
+    score.horizon.add(None, (100.0, 100.0))
+    score.horizon.add((50.0, 50.0), None)
+    assert score.report() == {"horizon": {"images": 2, "found": 1, "rms_px": pytest.approx(12.5**0.5)}}
 
 
 def test_empty_water_has_nothing() -> None:

@@ -22,7 +22,7 @@ from xitl_cli.record.topics import (
 )
 
 ROOT = Path(__file__).parents[3]
-SHARES = {"rotor", "command", "step", "load"}
+SHARES = {"rotor", "command", "step", "load", "label_share"}
 """Numbers without a unit."""
 
 

@@ -76,13 +76,16 @@ def test_a_trunk_turns_and_is_carried_as_a_cylinder() -> None:
 
 
 def test_what_shows_above_the_water_is_what_such_things_show() -> None:
-    trunk, branch, plants, animal = (make_body(kind) for kind in BodyKind)
+    trunk, branch, plants, animal, plank, drum, buoy = (make_body(kind) for kind in BodyKind)
     wet = volume_below_m3(trunk.mesh, -trunk.middle_below_surface_m) / volume_below_m3(trunk.mesh, -1.0)
     assert 0.6 <= wet <= 0.9
     assert 0.1 <= trunk.height_m <= 0.2
     assert 0.4 <= branch.height_m <= 0.7
     assert plants.height_m == pytest.approx(0.3, abs=0.03)
     assert 0.2 <= animal.height_m <= 0.3
+    assert plank.height_m == pytest.approx(0.06 * 0.4, rel=0.01)  # a box of density 0.6 shows 0.4 of its height
+    assert drum.height_m > 2.0 * drum.draught_m
+    assert buoy.height_m > buoy.draught_m
 
 
 def test_every_point_of_a_body_lies_in_its_capsule() -> None:

@@ -7,7 +7,7 @@ A package may add one: an entry point of the group `xitl.detectors` is a functio
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -22,7 +22,11 @@ from xitl_cli.plugins.cameras.images import Box, Detection, ObjectClass, SeenObj
 
 
 class Detector(Protocol):
-    """Finds objects in images."""
+    """Finds objects in images.
+
+    It may also have `find_horizon(image)`, which returns the rows of the horizon at the first and the last column, or
+    None.
+    """
 
     def detect(self, image: NDArray[uint8]) -> Sequence[Detection]:
         """Return the objects in an image (H, W, 3), sRGB."""
@@ -32,36 +36,91 @@ SLICE_PX = 24
 """Width of the pieces into which the line of a boom is cut: a box around a slanting line would be mostly water."""
 LEAST_PX = 24
 """Smallest area of an object."""
-PITCHING_DEG = 4.0
-SHORE_PX = 8
-"""Rows below the horizon that may show a shore, far away."""
+PITCHING_DEG, ROLLING_DEG, USUAL_DEG = 5.0, 6.0, 2.5
+"""By which a camera may look higher or lower than on a level vessel, by which its horizon may slant, and the standard
+deviation of the first."""
 LEAST_RED, FEWEST_SPREADS = 5.0, 7.0
 """Of colour in CIELAB: orange over the water, and anything that differs from it."""
+EDGE_PX, LEAST_EDGE = 4, 1.5
+"""Of the horizon: rows on either side that are compared, and the least mean root of their difference."""
+SHORE_PX = 3
+"""Rows below the horizon that may show a shore, far away."""
+MIRROR_SHARE = 0.85
+"""Brightness of a mirror image, relative to its object, at most."""
+LARGEST_M = {ObjectClass.VESSEL: (20.0, 8.0), ObjectClass.BUOY: (3.0, 6.0), ObjectClass.DEBRIS: (12.0, 1.5)}
+"""Width and height of the largest object of each class."""
+HULL_M, FARTHEST_M = 1.2, 60.0
+"""Width of the narrowest boat. Farther objects are a few pixels, next to the mirror image of the shore."""
+WATERLINE_M = 0.15
+"""From the body's origin down to the water: a usual value for small boats."""
 
 
 class ColourDetector:
-    """Finds a boom by its orange floats, and other objects on the water by their colour.
+    """Finds the horizon, a boom by its orange floats, and other objects on the water by their colour.
 
-    Water looks much the same along a row, so that the median and the spread of each band of rows describe it. Above
-    the horizon nothing is reported. The method is classical and knows the colours of the simulated world: a start, and
-    a measure for better ones.
+    Water looks much the same along a row, so that the median and the spread of each row describe it. Mirror images are
+    darker than their objects and below them. The row of its waterline gives the distance of an object, and so its size.
+    Bright colours are buoys, wide white objects are boats, and everything else is debris. The method is classical and
+    knows the colours of the simulated world: a start, and a measure for better ones.
     """
 
     def __init__(self, camera: CameraSpec, lens: Lens) -> None:
         # The horizon of a level vessel: the camera may look elsewhere by as much as the vessel pitches.
-        level_row = lens.centre_px[1] + lens.focal_px * math.tan(math.radians(camera.pitch_deg))
+        self._focal_px = lens.focal_px
+        self._level_row = lens.centre_px[1] + lens.focal_px * math.tan(math.radians(camera.pitch_deg))
         pitching_px = lens.focal_px * math.radians(PITCHING_DEG)
-        self._highest_row = int(np.clip(level_row - pitching_px, 0, lens.height_px))
-        self._open_row = int(np.clip(level_row + pitching_px + SHORE_PX, 0, lens.height_px))
+        self._highest_row = int(np.clip(self._level_row - pitching_px, 0, lens.height_px))
+        self._lowest_row = int(np.clip(self._level_row + pitching_px, 0, lens.height_px))
+        self._height_m = max(-camera.position_frd_m[2] + WATERLINE_M, 0.2)
 
     def detect(self, image: NDArray[uint8]) -> Sequence[Detection]:
         """Return the objects in an image: see Detector."""
-        lab = cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), 1.0), cv2.COLOR_RGB2LAB).astype(float32)
+        lab = _lab(image)
         found = list(self._boom(lab))
         # The mirror image of a float is as high as the float, longer in waves.
         mirrored = [(left, top, right, bottom + 3.0 * (bottom - top)) for left, top, right, bottom in boxes_of(found)]
-        found += self._afloat(lab, mirrored)
+        horizon = self._horizon(lab) or (self._level_row, self._level_row)
+        found += self._afloat(lab, horizon, mirrored)
         return found
+
+    def find_horizon(self, image: NDArray[uint8]) -> tuple[float, float] | None:
+        """Return the rows of the horizon at the first and the last column; None where no line is clear."""
+        return self._horizon(_lab(image))
+
+    def _horizon(self, lab: NDArray[float32]) -> tuple[float, float] | None:
+        """Return the straight line across which most columns change their colour."""
+        rows, columns = lab.shape[:2]
+        first = max(self._highest_row, EDGE_PX)
+        last = min(self._lowest_row, rows - EDGE_PX)
+        if last - first < 2 * EDGE_PX:
+            return None
+        across = np.arange(2, columns, 4)
+        sums = np.concatenate([np.zeros((1, len(across), 3), float32), np.cumsum(lab[:, across], axis=0)])
+        row = np.arange(first, last)
+        above, below = sums[row] - sums[row - EDGE_PX], sums[row + EDGE_PX] - sums[row]
+        # The root: many columns with a weak edge count more than few with a strong one.
+        edge = np.sqrt(np.linalg.norm(above - below, axis=2) / EDGE_PX)
+        # The horizon is above the floats of a boom, which are lower than the camera.
+        red, yellow = lab[:, across, 1] - 128.0, lab[:, across, 2] - 128.0
+        floats = np.logical_or.accumulate((red > 0.5 * VIVID) & (np.hypot(red, yellow) > VIVID), axis=0)
+        edge[floats[row + EDGE_PX]] = 0.0
+        offset = across - 0.5 * (columns - 1)
+        off_deg = np.degrees((row - self._level_row) / self._focal_px)
+        usual = np.exp(-0.5 * (off_deg / USUAL_DEG) ** 2)
+        best = LEAST_EDGE, 0.0, 0.0
+        for slope in np.tan(np.radians(np.arange(-ROLLING_DEG, ROLLING_DEG + 0.1, 0.5))):
+            shifted = np.arange(len(row))[:, None] + np.rint(slope * offset).astype(int)
+            inside = (shifted >= 0) & (shifted < len(row))
+            on_line = np.take_along_axis(edge, np.clip(shifted, 0, len(row) - 1), axis=0) * inside
+            strength = on_line.mean(axis=1) * usual * math.exp(-0.5 * (slope / math.radians(ROLLING_DEG)) ** 2)
+            number = int(strength.argmax())
+            if strength[number] > best[0]:
+                best = float(strength[number]), float(row[number]) - 0.5, float(slope)
+        strength, middle, slope = best
+        if strength <= LEAST_EDGE:
+            return None
+        half = 0.5 * slope * (columns - 1)
+        return middle - half, middle + half
 
     def _boom(self, lab: NDArray[float32]) -> Sequence[Detection]:
         red = lab[..., 1] - np.median(lab[self._highest_row :, :, 1])
@@ -69,6 +128,8 @@ class ColourDetector:
         least = max(LEAST_RED, 0.5 * float(np.percentile(red[self._highest_row :], 99.5)))
         mask = red >= least
         mask[: self._highest_row] = False
+        # Floats are orange: a red buoy is less yellow than red.
+        mask &= lab[..., 2] - 128.0 > ORANGE * (lab[..., 1] - 128.0)
         # The mirror image below a float is darker than the float.
         brightest = np.where(mask, lab[..., 0], 0.0).max(axis=0, keepdims=True)
         mask &= lab[..., 0] >= 0.8 * brightest
@@ -87,24 +148,124 @@ class ColourDetector:
                 found.append(Detection(ObjectClass.BOOM.label, box, min(area / 200.0, 1.0)))
         return found
 
-    def _afloat(self, lab: NDArray[float32], taken: Sequence[Box]) -> Sequence[Detection]:
-        below = lab[self._open_row :, :, 1:]
-        if len(below) < 20:
+    def _afloat(self, lab: NDArray[float32], horizon: tuple[float, float], taken: Sequence[Box]) -> Sequence[Detection]:
+        rows, columns = lab.shape[:2]
+        line = np.linspace(*horizon, columns)
+        open_row = int(np.clip(min(horizon) + SHORE_PX, 0, rows))
+        if rows - open_row < 20:
             return []
+        below = np.arange(rows)[:, None] >= line + SHORE_PX
+        chroma = np.hypot(lab[..., 1] - 128.0, lab[..., 2] - 128.0)
+        hue_deg = np.degrees(np.arctan2(lab[..., 2] - 128.0, lab[..., 1] - 128.0)) % 360.0
+        vivid = (chroma > VIVID) & (np.arange(rows)[:, None] >= line - HIGHEST_PX)
+        paints = [vivid & ((hue_deg - low) % 360.0 < high - low) for low, high in HUES_DEG]
+        brightest = float(np.percentile(lab[open_row:, :, 0], 90.0))
+        pale = (chroma < PALE) & (lab[..., 0] > max(BRIGHT, BRIGHTER * brightest)) & below
+        found: list[Detection] = []
+        shadowed = list(taken)
+        differs = below & self._differs(lab, open_row)
+        masks = [*((paint, chroma) for paint in paints), (pale, lab[..., 0]), (differs, lab[..., 0])]
+        for mask, strength in masks:
+            for box, colour in _objects(lab, mask, strength, shadowed):
+                horizon_row = float(line[int(np.clip(0.5 * (box[0] + box[2]), 0, columns - 1))])
+                waterline_px = box[3] - horizon_row
+                if waterline_px < self._height_m * self._focal_px / FARTHEST_M:
+                    continue
+                metres = self._height_m / waterline_px  # of a pixel at the object
+                width_m, height_m = (box[2] - box[0]) * metres, (box[3] - box[1]) * metres
+                kind = _class_of(colour, width_m)
+                if kind is ObjectClass.VESSEL and box[1] > horizon_row - 1.0:
+                    continue  # a boat is higher than the camera, and sky in the water is below the horizon
+                if kind is None or width_m > LARGEST_M[kind][0] or height_m > LARGEST_M[kind][1]:
+                    continue
+                found.append(Detection(kind.label, box, min((box[2] - box[0]) * (box[3] - box[1]) / 400.0, 1.0)))
+                left, top, right, bottom = box
+                shadowed.append((left - 2.0, top, right + 2.0, bottom + 1.5 * (bottom - top)))
+        return found
+
+    def _differs(self, lab: NDArray[float32], open_row: int) -> NDArray[np.bool_]:
+        """Return the pixels (H, W) that differ from the water around them.
+
+        By colour alone: waves and glitter differ in brightness only.
+        """
+        below = lab[open_row:, :, 1:]
         middle = np.median(below, axis=1, keepdims=True)
         spread = 1.0 + 1.4826 * np.median(np.abs(below - middle), axis=1, keepdims=True)
-        # By colour alone: waves and glitter differ from the water around them in brightness only.
-        mask = (np.abs(below - middle) / spread).max(axis=2) > FEWEST_SPREADS
-        joined = cv2.morphologyEx(mask.astype(uint8), cv2.MORPH_CLOSE, np.ones((5, 5), uint8))
-        joined = cv2.morphologyEx(joined, cv2.MORPH_OPEN, np.ones((3, 3), uint8))
-        count, _, stats, _ = cv2.connectedComponentsWithStats(joined)
-        found = []
-        for x, y, width, height, area in stats[1:count].tolist():
-            box = x - 0.5, self._open_row + y - 0.5, x + width - 0.5, self._open_row + y + height - 0.5
-            if area < LEAST_PX or y == 0 or width > 0.5 * lab.shape[1] or covered(box, taken) > 0.3:
-                continue
-            found.append(Detection(ObjectClass.DEBRIS.label, box, min(area / 400.0, 1.0)))
-        return found
+        mask = np.zeros(lab.shape[:2], bool)
+        mask[open_row:] = (np.abs(below - middle) / spread).max(axis=2) > FEWEST_SPREADS
+        return mask
+
+
+ORANGE = 0.95
+"""Least ratio of yellow to red of the floats of a boom."""
+VIVID, PALE, BRIGHT, BRIGHTER = 28.0, 14.0, 150.0, 1.1
+"""In OpenCV's CIELAB: chroma of paint, and of white; lightness of white, also as a multiple of bright water."""
+HUES_DEG = (-40.0, 45.0), (70.0, 101.0), (135.0, 200.0), (200.0, 320.0)
+"""Of red, yellow, green and blue paint. Grass and leaves are between yellow and green."""
+SIMILAR, HIGHEST_SHARE, HIGHEST_PX = 22.0, 1.0, 80.0
+"""Largest difference of colour within an object; how much higher than wide it may be; how far above the horizon."""
+
+
+def _lab(image: NDArray[uint8]) -> NDArray[float32]:
+    return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), 1.0), cv2.COLOR_RGB2LAB).astype(float32)
+
+
+def _objects(
+    lab: NDArray[float32], mask: NDArray[np.bool_], strength: NDArray[float32], taken: Sequence[Box]
+) -> Iterator[tuple[Box, NDArray[float32]]]:
+    """Yield box and colour of each connected part of a mask (H, W), without its mirror image.
+
+    strength: (H, W), less in a mirror image than in its object. taken: boxes of other objects.
+    """
+    joined = cv2.morphologyEx(mask.astype(uint8), cv2.MORPH_CLOSE, np.ones((3, 3), uint8))
+    joined = cv2.morphologyEx(joined, cv2.MORPH_OPEN, np.ones((3, 3), uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(joined)
+    for number, (x, y, width, height, area) in enumerate(stats[1:count].tolist(), start=1):
+        if area < LEAST_PX or width > 0.5 * mask.shape[1]:
+            continue
+        where = slice(y, y + height), slice(x, x + width)
+        part = labels[where] == number
+        height = _without_mirror(strength[where], part)
+        colour = np.median(lab[where][:height][part[:height]], axis=0)
+        top = _upward(lab, colour, x, y, width)
+        box = x - 0.5, top - 0.5, x + width - 0.5, y + height - 0.5
+        if np.count_nonzero(part[:height]) >= LEAST_PX and covered(box, taken) <= 0.3:
+            yield box, colour
+
+
+def _without_mirror(strength: NDArray[float32], part: NDArray[np.bool_]) -> int:
+    """Return the rows of an object without its mirror image: the weaker lower part of a split as by Otsu 1979."""
+    counts, sums = part.sum(axis=1), np.where(part, strength, 0.0).sum(axis=1)
+    above, total = np.cumsum(counts)[:-1], np.cumsum(sums)[:-1]
+    below = counts.sum() - above
+    upper, lower = total / np.maximum(above, 1), (sums.sum() - total) / np.maximum(below, 1)
+    between = np.where(lower < MIRROR_SHARE * upper, above * below * (upper - lower) ** 2, 0.0)
+    between[: len(part) // 3] = 0.0
+    return int(between.argmax()) + 1 if len(between) and between.max() > 0.0 else len(part)
+
+
+def _upward(lab: NDArray[float32], colour: NDArray[float32], x: int, y: int, width: int) -> int:
+    """Return the top row of an object that rises from row y with this colour."""
+    inner = slice(x + width // 4, x + max(3 * width // 4, width // 4 + 1))
+    top = y
+    while top > 0 and y - top < HIGHEST_SHARE * width:
+        if np.median(np.linalg.norm(lab[top - 1, inner] - colour, axis=1)) > SIMILAR:
+            break
+        top -= 1
+    return top
+
+
+def _class_of(colour: NDArray[float32], width_m: float) -> ObjectClass | None:
+    """Return the class of an object by its colour and width. Blue plastic and green plants are debris.
+
+    Small and pale is the sky in the water, or a white buoy: None.
+    """
+    lightness, red, yellow = (colour - (0.0, 128.0, 128.0)).tolist()
+    chroma, hue_deg = math.hypot(red, yellow), math.degrees(math.atan2(yellow, red)) % 360.0
+    if lightness > BRIGHT and chroma < PALE:
+        return ObjectClass.VESSEL if width_m > HULL_M else None
+    painted = any((hue_deg - low) % 360.0 < high - low for low, high in HUES_DEG[:-1])
+    return ObjectClass.BUOY if chroma > VIVID and painted else ObjectClass.DEBRIS
 
 
 def boxes_of(detections: Sequence[Detection]) -> list[Box]:
@@ -151,10 +312,35 @@ ENOUGH = 0.5
 
 
 @dataclass(slots=True)
+class HorizonScore:
+    """Rows of the horizon at the first and the last column against the truth."""
+
+    images: int = 0
+    """Images with a true horizon."""
+    found: int = 0
+    squares_px2: float = 0.0
+
+    def add(self, found: tuple[float, float] | None, truth: tuple[float, float] | None) -> None:
+        """Count an image."""
+        if truth is None:
+            return
+        self.images += 1
+        if found is not None:
+            self.found += 1
+            self.squares_px2 += 0.5 * sum((row - true) ** 2 for row, true in zip(found, truth, strict=True))
+
+    def report(self) -> dict[str, Any]:
+        """Return counts and the RMS error in pixels; None without a horizon."""
+        rms_px = math.sqrt(self.squares_px2 / self.found) if self.found else None
+        return {"images": self.images, "found": self.found, "rms_px": rms_px}
+
+
+@dataclass(slots=True)
 class DetectorScore:
-    """Precision and recall of a detector, by class."""
+    """Precision and recall of a detector, by class, and its error of the horizon."""
 
     classes: dict[str, ClassScore] = field(default_factory=dict)
+    horizon: HorizonScore = field(default_factory=HorizonScore)
 
     def add(self, detections: Sequence[Detection], objects: Sequence[SeenObject]) -> None:
         """Count the detections and the objects of one image."""
@@ -178,5 +364,6 @@ class DetectorScore:
                         score.missed += 1
 
     def report(self) -> dict[str, Any]:
-        """Return the scores by class."""
-        return {name: score.report() for name, score in sorted(self.classes.items())}
+        """Return the scores by class, and of the horizon if it was found once."""
+        scores = {name: score.report() for name, score in sorted(self.classes.items())}
+        return scores | ({"horizon": self.horizon.report()} if self.horizon.found else {})

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from sim_core.frames import Array
 from sim_core.sensors.lens import Lens
+from xitl_cli.record import topics
 from xitl_cli.record.cdr import Float64, Float64x3, Float64x4, Int64, String, Uint32
-from xitl_cli.record.topics import Topic, camera_topic
+from xitl_cli.record.topics import CameraDetection, Topic, camera_topic
 
 
 class ObjectClass(IntEnum):
@@ -98,6 +99,8 @@ class CameraImage:
     """Ground truth, of a camera with `truth`."""
     horizon_px: tuple[float, float] | None = None
     """Ground truth: row of the horizon at the first and at the last column, of an ideal pinhole; None for none."""
+    found_horizon_px: tuple[float, float] | None = None
+    """The same, as the detector found it."""
     detections: tuple[Detection, ...] = ()
     """Of a camera with `detector`."""
     encoded: bytes = b""
@@ -119,6 +122,8 @@ class CameraFrame:
     quat_ned_optical: Annotated[Float64x4, "w x y z; optical axes are x right, y down, z ahead"]
     horizon_left_px: Annotated[Float64, "row of the horizon at the first column; NaN for none"]
     horizon_right_px: Annotated[Float64, "row of the horizon at the last column; NaN for none"]
+    found_left_px: Annotated[Float64, "row of the horizon at the first column, as the detector found it; NaN for none"]
+    found_right_px: Annotated[Float64, "the same at the last column"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,25 +144,11 @@ class CameraTruth:
     size_m: Annotated[Float64x3, "of the box"]
 
 
-@dataclass(frozen=True, slots=True)
-class CameraDetection:
-    """An object that a detector found in an image."""
-
-    camera: Annotated[String, "name of the camera"]
-    image: Annotated[Int64, "number of the image"]
-    label: Annotated[String, "class"]
-    left_px: Float64
-    top_px: Float64
-    right_px: Float64
-    bottom_px: Float64
-    confidence: Annotated[Float64, "0 to 1"]
-
-
 FRAMES = Topic("/cameras/frames", "xitl_msgs/msg/CameraFrame", "each image", "pose and horizon", CameraFrame)
 TRUTH = Topic("/cameras/truth", "xitl_msgs/msg/CameraTruth", "each image", "visible objects", CameraTruth)
 
 DETECTIONS = Topic(
-    "/cameras/detections",
+    topics.DETECTIONS,
     "xitl_msgs/msg/CameraDetection",
     "each image",
     "objects that a detector found",

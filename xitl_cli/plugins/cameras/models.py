@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.vessel.spec import VesselSpec
-from sim_core.world.debris import BodyKind
+from sim_core.world.debris import Body
 from sim_core.world.geometry import Mesh, moved
 from sim_core.world.rays import ScenePart
 from sim_core.world.river import RiverBed
 from xitl_cli.plugins.cameras.images import ObjectClass
-from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS, ground_colours, linear_colour
+from xitl_cli.run.world.colours import MATERIAL_COLOURS, PAINTS, coloured_parts, ground_colours, linear_colour
 from xitl_cli.run.world.vessel_shape import (
     VesselPart,
     drawn_diameter_m,
@@ -171,11 +171,17 @@ def _long_axis(points_m: Array) -> Array:
     return np.array([axes[0, 0], axes[0, 1], 0.0])
 
 
-def body_model(name: str, mesh: Mesh, kind: BodyKind | None) -> TriangleModel:
-    """Return a drifting body, or another hull (None), in its axes: forward, right, down."""
-    shown = ObjectClass.VESSEL if kind is None else ObjectClass.DEBRIS
-    colour = PAINTS["hull"] if kind is None else BODY_COLOURS[kind]
-    return TriangleModel(_of_mesh(mesh, shown, 0, colour), (_object(name, shown, mesh.vertices_m),))
+def hull_model(name: str, mesh: Mesh) -> TriangleModel:
+    """Return the hull of another vessel in its axes: forward, right, down."""
+    vertices = _of_mesh(mesh, ObjectClass.VESSEL, 0, PAINTS["hull"])
+    return TriangleModel(vertices, (_object(name, ObjectClass.VESSEL, mesh.vertices_m),))
+
+
+def body_model(name: str, body: Body) -> TriangleModel:
+    """Return a floating body in its axes: forward, right, down."""
+    kind = ObjectClass.DEBRIS if body.buoy is None else ObjectClass.BUOY
+    parts = [_of_mesh(mesh, kind, 0, colour) for mesh, colour in coloured_parts(body)]
+    return TriangleModel(np.concatenate(parts), (_object(name, kind, body.mesh.vertices_m),))
 
 
 def vessel_model(vehicle: VesselSpec, water: Water, name: str, kind: ObjectClass = ObjectClass.VESSEL) -> TriangleModel:

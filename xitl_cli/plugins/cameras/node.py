@@ -21,7 +21,6 @@ from sim_core.environment.tide_spec import instant_utc
 from sim_core.frames import Array
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
-from sim_core.world.debris import BodyKind
 from xitl_cli.errors import UserError
 from xitl_cli.plugin import NodeContext
 from xitl_cli.plugins.cameras.daylight import Daylight, daylight, visible_extinction_per_m
@@ -32,7 +31,7 @@ from xitl_cli.plugins.cameras.images import (
     DETECTIONS,
     FRAMES,
     TRUTH,
-    CameraDetection,
+    Box,
     CameraFrame,
     CameraImage,
     CameraTruth,
@@ -42,17 +41,18 @@ from xitl_cli.plugins.cameras.images import (
     image_topic,
 )
 from xitl_cli.plugins.cameras.mavlink_camera import GimbalAngles
-from xitl_cli.plugins.cameras.models import TriangleModel, body_model, vessel_model, world_model
+from xitl_cli.plugins.cameras.models import TriangleModel, body_model, hull_model, vessel_model, world_model
 from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
 from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, PlacedModel, Shot, Viewpoint
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
-from xitl_cli.record.topics import vessel_name
+from xitl_cli.record.topics import CameraDetection, vessel_name
 from xitl_cli.record.truth import timestamp
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.world.colours import water_reflectance
 
 WORLD, OWN = "world", "own vessel"
+UNKNOWN = math.nan, math.nan
 MOST_WAITING = 3
 """Images that may be under way in real time. More are skipped and counted."""
 MOST_SHOTS, MOST_BANDS = 6, 12
@@ -128,6 +128,8 @@ class CameraNode(RunNode):
         """Time, place, heading and speed of the vessel on its way."""
         self._due: list[tuple[int, int, str]] = []
         """Heap of the images under way: when they are due, their tickets, their cameras."""
+        self._mounts: dict[int, Array] = {}
+        """Rotations from optical to body axes at the exposures of the images under way, by ticket."""
         self._light: tuple[int, Daylight] | None = None
         self._listeners: list[Callable[[CameraImage], None]] = []
         self._problems: list[str] = []
@@ -294,6 +296,7 @@ class CameraNode(RunNode):
                 noise_seed=int(camera.rng.integers(1 << 62)),
             )
         )
+        self._mounts[ticket] = self._pose(stamp_ns).rot_ned_frd.T @ middle.view.rot_ned_optical
         heappush(self._due, (stamp_ns + max(camera.latency_ns, camera.window_ns), ticket, camera.keys.name))
 
     def _shots(self, camera: Mounted, stamp_ns: int) -> tuple[Shot, tuple[Shot, ...]]:
@@ -389,14 +392,13 @@ class CameraNode(RunNode):
         plant = self._context.plant
         bodies = plant.bodies()
         debris = plant.state.debris.bodies
-        kinds: list[BodyKind | None] = [body.kind for body in debris]
         others = plant.others
         behind_s = (plant.state.time_ns - pose.stamp_ns) * 1e-9
         for index, mesh in enumerate(bodies.meshes):
-            drifts = index < len(kinds)
-            name = f"body {index}" if drifts else others[index - len(kinds)]
+            drifts = index < len(debris)
+            name = f"body {index}" if drifts else others[index - len(debris)]
             if name not in self._models:
-                self._models[name] = body_model(name, mesh, kinds[index] if drifts else None)
+                self._models[name] = body_model(name, debris[index]) if drifts else hull_model(name, mesh)
                 self._studio.add(name, self._models[name])
             place = bodies.pos_ned_m[index] - behind_s * bodies.vel_ned_mps[index]
             placed.append(PlacedModel(name, place, bodies.rot_ned_body[index], number))
@@ -440,17 +442,19 @@ class CameraNode(RunNode):
     def _hand_over(self, ticket: int, name: str) -> None:
         camera = self._cameras[name]
         image = self._studio.collect(ticket, decode=bool(self._listeners))
+        rot_frd_optical = self._mounts.pop(ticket)
         if image is None:
             camera.counts.missing += 1
             return
         camera.counts.images += 1
         if camera.keys.detector is not None and camera.keys.truth:
             camera.score.add(image.detections, image.objects)
-        self._record(image)
+            camera.score.horizon.add(image.found_horizon_px, image.horizon_px)
+        self._record(image, rot_frd_optical)
         for listener in self._listeners:
             listener(image)
 
-    def _record(self, image: CameraImage) -> None:
+    def _record(self, image: CameraImage, rot_frd_optical: Array) -> None:
         recorder, stamp_ns, name = self._recorder, image.stamp_ns, image.camera
         frame = vessel_name(f"camera_{name}_optical", self._context.profile.vessel)
         stamp = timestamp(stamp_ns)
@@ -472,9 +476,9 @@ class CameraNode(RunNode):
             )
         recorder.message(image_topic(name, image.kind).name, stamp_ns, picture)
         recorder.message(calibration_topic(name).name, stamp_ns, calibration(image.lens, stamp_ns, frame))
-        left, right = image.horizon_px or (math.nan, math.nan)
+        rows = *(image.horizon_px or UNKNOWN), *(image.found_horizon_px or UNKNOWN)
         quat = frames.matrix_to_quat(image.rot_ned_optical).tolist()
-        recorder.write(stamp_ns, CameraFrame(name, image.number, image.pos_ned_m.tolist(), quat, left, right))
+        recorder.write(stamp_ns, CameraFrame(name, image.number, image.pos_ned_m.tolist(), quat, *rows))
         for seen in image.objects:
             centre, turn, size = list(seen.centre_optical_m), list(seen.quat_optical_box), list(seen.size_m)
             recorder.write(
@@ -484,9 +488,27 @@ class CameraNode(RunNode):
                 ),
             )
         for one in image.detections:
-            recorder.write(stamp_ns, CameraDetection(name, image.number, one.label, *one.box_px, one.confidence))
+            angles = box_angles_rad(image.lens, rot_frd_optical, one.box_px)
+            detection = CameraDetection(name, image.number, one.label, *one.box_px, one.confidence, *angles)
+            recorder.write(stamp_ns, detection)
         if self._cameras[name].keys.truth:
             recorder.message(annotations_topic(name).name, stamp_ns, image_annotations(image))
+
+
+def box_angles_rad(lens: Lens, rot_frd_optical: Array, box: Box) -> tuple[float, float, float, float]:
+    """Return bearing and width in bearing of a box, and the elevations of its lower and upper edge.
+
+    rot_frd_optical: turns the optical axes into those of the body, (3, 3).
+    """
+    left, top, right, bottom = box
+    middle = 0.5 * (left + right), 0.5 * (top + bottom)
+    edges = np.array([(left, middle[1]), (right, middle[1]), (middle[0], bottom), (middle[0], top)])
+    forward, aside, down = (lens.directions(edges) @ rot_frd_optical.T).T
+    bearing = np.arctan2(aside, forward)
+    width = math.remainder(float(bearing[1] - bearing[0]), math.tau)
+    elevation = np.arctan2(-down, np.hypot(forward, aside))
+    middle_rad = math.remainder(float(bearing[0]) + 0.5 * width, math.tau)
+    return middle_rad, width, float(elevation[2]), float(elevation[3])
 
 
 def calibration(lens: Lens, stamp_ns: int, frame: str) -> messages.CameraCalibration:

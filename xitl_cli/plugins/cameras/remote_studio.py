@@ -167,7 +167,7 @@ class RemoteStudio:
             pixels = np.frombuffer(data, "<f4").reshape(lens.height_px, lens.width_px)
         else:
             pixels = _decoded(data) if decode else NO_PIXELS
-        horizon = sent["horizon"]
+        horizon, found = sent["horizon"], sent["found_horizon"]
         return CameraImage(
             camera=camera.name,
             kind=camera.kind,
@@ -180,6 +180,7 @@ class RemoteStudio:
             objects=tuple(_seen(row) for row in sent["objects"]),
             detections=tuple(Detection(label, tuple(box), share) for label, box, share in sent["detections"]),
             horizon_px=None if horizon is None else (horizon[0], horizon[1]),
+            found_horizon_px=None if found is None else (found[0], found[1]),
             encoded=b"" if camera.kind == "depth" else data,
         )
 
@@ -208,6 +209,7 @@ def message_of(image: CameraImage, processor_ms: float) -> dict[str, Any]:
         "image": {
             "data": base64.b64encode(data).decode(),
             "horizon": image.horizon_px,
+            "found_horizon": image.found_horizon_px,
             "detections": [[one.label, one.box_px, one.confidence] for one in image.detections],
             "objects": [
                 [

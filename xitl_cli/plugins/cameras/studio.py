@@ -83,7 +83,11 @@ class Studio:
         self._lenses = {camera.name: lens_of(camera) for camera in cameras}
         self._detectors: dict[str, Detector] = {
             camera.name: guarded(
-                DETECTORS, camera.detector, load(DETECTORS, camera.detector), camera, self._lenses[camera.name]
+                DETECTORS,
+                camera.detector.kind,
+                load(DETECTORS, camera.detector.kind),
+                camera,
+                self._lenses[camera.name],
             )
             for camera in cameras
             if camera.detector is not None
@@ -125,7 +129,8 @@ class Studio:
         if camera.kind == "colour":
             pixels = self._sensors[camera.name].expose(pixels, wanted.response)
         known = {placed.model: self._models[placed.model].objects for placed in wanted.middle.world.placed}
-        detector, name = self._detectors.get(camera.name), camera.detector or ""
+        detector, name = self._detectors.get(camera.name), "" if camera.detector is None else camera.detector.kind
+        find_horizon = getattr(detector, "find_horizon", None) if camera.kind == "colour" else None
         return CameraImage(
             camera=camera.name,
             kind=camera.kind,
@@ -137,6 +142,7 @@ class Studio:
             rot_ned_optical=view.rot_ned_optical,
             objects=seen_objects(numbers, known, wanted.middle) if camera.truth and numbers is not None else (),
             horizon_px=horizon_px(lens, view.rot_ned_optical) if camera.truth else None,
+            found_horizon_px=None if find_horizon is None else guarded(DETECTORS, name, find_horizon, pixels),
             detections=() if detector is None else tuple(guarded(DETECTORS, name, detector.detect, pixels)),
             encoded=encoded(camera.kind, pixels, camera.quality),
         )

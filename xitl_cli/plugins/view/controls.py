@@ -6,8 +6,9 @@ import html
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
+from sim_core.world.spec import DebrisName
 from xitl_cli.plugins.view.model import SceneWater, ViewInstant
 from xitl_cli.profile.schema import RunProfile
 
@@ -22,7 +23,7 @@ FASTEST = "as fast as possible"
 PACES = {"0.1 ×": 0.1, "0.25 ×": 0.25, "0.5 ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, FASTEST: None}
 STEP_S = 0.1
 NOTHING, LAUNCH, GO_THERE = "does nothing", "launches debris", "sends the vessel there"
-KINDS = ("trunk", "branch", "plants", "animal")
+KINDS = get_args(DebrisName)
 MODES = ("MANUAL", "HOLD", "LOITER", "AUTO", "GUIDED", "RTL")
 ROVER_MODES = (*MODES, "SMART_RTL", "CIRCLE", "STEERING", "ACRO")
 FARTHEST_M = 2000.0

@@ -220,9 +220,10 @@ class SceneDrawing:
 
     def _draw_bodies(self, bodies: Mapping[int, BodyInstant]) -> None:
         for number, body in bodies.items():
-            if number not in self._bodies and body.mesh is not None:
+            if number not in self._bodies and body.meshes:
                 node = self._server.scene.add_frame(f"/debris/{number}", show_axes=False)
-                _add_mesh(self._server.scene, f"/debris/{number}/body", body.mesh)
+                for part, mesh in enumerate(body.meshes):
+                    _add_mesh(self._server.scene, f"/debris/{number}/body/{part}", mesh)
                 self._bodies[number] = node
             if number in self._bodies:
                 _place(self._bodies[number], body.position_enu_m, body.attitude_wxyz)

@@ -167,7 +167,7 @@ class BodyInstant:
 
     position_enu_m: Array
     attitude_wxyz: Array
-    mesh: SceneMesh | None = None
+    meshes: tuple[SceneMesh, ...] = ()
     """Required when the drawing first shows the body, optional afterwards."""
 
 

@@ -68,7 +68,7 @@ class ViewProcess:
             water, faults = scene.water, dict(start.faults)
             self._controls = Controls(server, self.act, start.profiles, start.lockstep, faults, water, start.pace)
         add_drawing_options(server, self._drawing)
-        self._meshes: dict[int, SceneMesh] = {}
+        self._meshes: dict[int, tuple[SceneMesh, ...]] = {}
         self._passing: dict[str, DrawnEntity] = {}
         self._browsers = 0
         self._joined: set[int] = set()
@@ -121,7 +121,7 @@ class ViewProcess:
 
     def _draw(self, instant: ViewInstant) -> None:
         bodies = {
-            number: BodyInstant(body.position_enu_m, body.attitude_wxyz, self._meshes.get(number))
+            number: BodyInstant(body.position_enu_m, body.attitude_wxyz, self._meshes.get(number, ()))
             for number, body in instant.bodies.items()
         }
         instant = replace(instant, bodies=bodies, drawings=passing_at(self._passing, instant.time_s))

@@ -127,7 +127,7 @@ class DriftingBody:
     """Drifting debris, from its first report on."""
 
     pose: PoseTrack
-    mesh: SceneMesh | None
+    meshes: tuple[SceneMesh, ...]
 
 
 class LogScene:
@@ -194,7 +194,7 @@ class LogScene:
             _flow(self._wind, time_s),
             _flow(self._current, time_s),
             {
-                number: BodyInstant(*body.pose.at(time_s), body.mesh)
+                number: BodyInstant(*body.pose.at(time_s), body.meshes)
                 for number, body in self._bodies.items()
                 if body.pose.span_s[0] <= time_s
             },
@@ -529,7 +529,7 @@ def _bodies(recording: _Recording, lead: PlacedLog) -> dict[int, DriftingBody]:
     for number in np.unique(numbers).tolist():
         pose = _poses(table, np.flatnonzero(numbers == number), lead.seconds)
         if pose is not None:
-            bodies[number] = DriftingBody(pose, meshes.get(number))
+            bodies[number] = DriftingBody(pose, meshes.get(number, ()))
     return bodies
 
 

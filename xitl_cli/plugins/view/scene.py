@@ -126,10 +126,10 @@ def _colour(message: Any) -> tuple[Colour, float]:
     return (red, green, blue), round(message.a, 3)
 
 
-def read_bodies(entities: Iterable[DrawnEntity]) -> dict[int, SceneMesh]:
+def read_bodies(entities: Iterable[DrawnEntity]) -> dict[int, tuple[SceneMesh, ...]]:
     """Return the meshes of the debris by number."""
     return {
-        int(entity.frame.removeprefix(BODY)): entity.meshes[0]
+        int(entity.frame.removeprefix(BODY)): entity.meshes
         for entity in entities
         if entity.frame.startswith(BODY) and entity.meshes
     }

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from xitl_cli.profile.checks.link import problem_of_url
+from xitl_cli.profile.checks.world import is_file
 from xitl_cli.profile.files.entry import KeyPath, dotted, finding, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.profile import ClockSpec
@@ -20,6 +21,11 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     yield from _rate_problems(profile)
     if profile.sensors is None:
         return
+    for number, camera in enumerate(profile.sensors.cameras):
+        model = None if camera.detector is None else camera.detector.model
+        if model is not None and not is_file(model):
+            path = ("sensors", "cameras", number, "detector", "model")
+            yield path, f"{dotted(path)}: {model} does not exist; check the path"
     autopilot, sonar = profile.autopilot, profile.sensors.sonar
     if profile.sensors.wind_vane is not None and autopilot is not None and autopilot.bridge.world is None:
         yield finding(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, get_args
 
 from sim_core.keys import (
     AmongVessels,
     Bounds,
     Direction,
+    IfGiven,
+    Items,
     NonNegative,
     Place,
     Positive,
@@ -17,9 +19,16 @@ from sim_core.keys import (
     SpecificationError,
     Vector,
 )
-from sim_core.world.spec import BuildingSpec, DamSpec, LogBoomSpec, MeshFileSpec, RiverSpec, ShoalSpec
-
-BodyKindName = Literal["trunk", "branch", "plants", "animal"]
+from sim_core.world.spec import (
+    BuildingSpec,
+    BuoySpec,
+    DamSpec,
+    DebrisName,
+    LogBoomSpec,
+    MeshFileSpec,
+    RiverSpec,
+    ShoalSpec,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,11 +48,14 @@ class LaunchSpec(Specification):
     """One body that is launched into the water."""
 
     at_s: Annotated[NonNegative, "simulation time"] = 0.0
-    kind: BodyKindName = "trunk"
+    kind: DebrisName = "trunk"
     pos_ned_m: Annotated[Place, "position, north and east"]
     heading_deg: Direction = 0.0
     length_m: Annotated[
         Annotated[float, Bounds(at_least=0.1, at_most=50)] | None, "null: the usual size of its kind"
+    ] = None
+    windage: Annotated[
+        Share | None, "leeway as a share of the wind at 10 m; null: by its shape above and below water"
     ] = None
 
 
@@ -56,7 +68,7 @@ class EncountersSpec(Specification):
     """
 
     count: Annotated[int, Bounds(at_least=0, at_most=200)] = 0
-    kinds: tuple[BodyKindName, ...] = ("trunk", "branch", "plants", "animal")
+    kinds: tuple[DebrisName, ...] = ("trunk", "branch", "plants", "animal")
     ahead_m: Annotated[
         tuple[Positive, Positive], "smallest and largest distance of the vessel from the encounter at the launch"
     ] = (40.0, 60.0)
@@ -64,7 +76,9 @@ class EncountersSpec(Specification):
 
     def check(self) -> None:
         if self.count and not self.kinds:
-            raise SpecificationError(("kinds",), "is empty; add one of trunk, branch, plants, animal, or set count: 0")
+            raise SpecificationError(
+                ("kinds",), f"is empty; add one of {', '.join(get_args(DebrisName))}, or set count: 0"
+            )
         if self.ahead_m[0] > self.ahead_m[1]:
             raise SpecificationError(
                 ("ahead_m",), f"= {list(self.ahead_m)} is from far to near; write the nearer first"
@@ -102,6 +116,7 @@ class WorldSpec(Specification):
     meshes: tuple[MeshFileSpec, ...] = ()
     contact: Annotated[bool, "the vessel collides with the structures; it collides with debris in any case"] = False
     debris: DebrisSpec = DebrisSpec()
+    buoys: Annotated[tuple[BuoySpec, ...], Items(0, 200), IfGiven()] = ()
     encounter_distance_m: Annotated[
         Positive, AmongVessels(), "vessels with hulls nearer than this count as too close"
     ] = 10.0

@@ -276,6 +276,10 @@ class ObstacleScore:
         self._detected_at_m: dict[int, float] = {}
         self._clearance_m: dict[int, float] = {}
         self._of_something: dict[int, bool] = {}
+        self._labels: dict[int, str] = {}
+        """Latest class that a track gave to a body, or to another hull, by its number in `others`."""
+        self._truth: dict[int, str] = {}
+        self._range_error = RootMeanSquare()
 
     def see(self, pos_ned_m: Array, yaw_rad: float, debris: DebrisState) -> None:
         """Note the vessel's position (3,) and heading, and the drifting bodies, at one instant."""
@@ -301,7 +305,23 @@ class ObstacleScore:
                 from_bow = self._gaps_m(np.array((self._half_m[0], 0.0)), (0.0, 0.0))
                 self._detected_at_m.update({body: float(from_bow[body]) for body in new})
             known = known or bool(near)
-        self._of_something[number] = known or self._is_near_vessel(place) or self._is_near_fixed(place)
+            if near:
+                self._compare(min(near, key=off.__getitem__), message)
+        hull = self._near_vessel(place)
+        if hull is not None:
+            self._label(hull, "vessel", message.label)
+        self._of_something[number] = known or hull is not None or self._is_near_fixed(place)
+
+    def _compare(self, body: int, message: Any) -> None:
+        """Compare the range and the class of a track with those of its body."""
+        assert self._debris is not None
+        from_bow = self._gaps_m(np.array((self._half_m[0], 0.0)), (0.0, 0.0))
+        self._range_error.add((message.range - float(from_bow[body])) ** 2)
+        self._label(body, "debris" if self._debris.bodies[body].buoy is None else "buoy", message.label)
+
+    def _label(self, number: int, truth: str, label: str) -> None:
+        self._truth[number] = truth
+        self._labels[number] = label or self._labels.get(number, "")
 
     def _gaps_m(self, middle_fr_m: Array, half_m: tuple[float, float]) -> Array:
         """Return the distances (B,) in plan from a box of the vessel to the edges of the bodies.
@@ -323,14 +343,15 @@ class ObstacleScore:
         gaps: Array = np.maximum(gap - figures.radius_m, 0.0)
         return gaps
 
-    def _is_near_vessel(self, place_ne_m: Array) -> bool:
-        """Whether another vessel is near a place."""
+    def _near_vessel(self, place_ne_m: Array) -> int | None:
+        """Return the number of another vessel near a place, counted behind the bodies; None for none."""
         if self._others is None:
-            return False
+            return None
         bodies, adrift = self._others(), 0 if self._debris is None else len(self._debris.bodies)
         off = np.hypot(*(bodies.pos_ned_m[adrift:, :2] - place_ne_m).T)
         reach = [NEAR_M + np.hypot(*mesh.vertices_m[:, :2].T).max() for mesh in bodies.meshes[adrift:]]
-        return bool((off < reach).any())
+        near = np.flatnonzero(off < reach)
+        return adrift + int(near[0]) if len(near) else None
 
     def _is_near_fixed(self, place_ne_m: Array) -> bool:
         """Whether a fixed object rises from the water near a place, by rays from high above."""
@@ -355,4 +376,14 @@ class ObstacleScore:
             "tracks": len(self._of_something),
             "false": sum(not known for known in self._of_something.values()),
             "min_clearance_m": min(self._clearance_m.values(), default=None),
+            "range_rms_m": self._range_error.value(),
+            "classes": {
+                truth: {
+                    "tracked": len(tracked),
+                    "right": tracked.count(truth),
+                    "wrong": sum(label not in ("", truth) for label in tracked),
+                }
+                for truth in sorted(set(self._truth.values()))
+                for tracked in [[self._labels[number] for number, kind in self._truth.items() if kind == truth]]
+            },
         }

@@ -128,7 +128,7 @@ def launch_from_request(request: dialect.MAVLink_xitl_launch_message, now_ns: in
     numbers = (north_m, east_m, request.heading, request.size)
     if not all(map(math.isfinite, numbers)) or max(abs(north_m), abs(east_m)) > FARTHEST_M or request.size < 0.0:
         return None
-    if request.kind not in BodyKind._value2member_map_:
+    if request.kind >= dialect.XITL_BODY_KIND_ENUM_END:
         return None
     return Launch(now_ns, BodyKind(request.kind), north_m, east_m, request.heading, request.size or None)
 

@@ -19,6 +19,7 @@ from sim_core.vessel.floating import floating_pose
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import CompanionSpec
+from xitl_cli.record.topics import DETECTIONS, CameraDetection
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.core.reports import NodeReport
 from xitl_cli.run.links.autopilot_commands import AutopilotCommands
@@ -48,8 +49,8 @@ TO_AUTOPILOT = _ids(
     *("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"),
     *("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "OBSTACLE_DISTANCE", "DISTANCE_SENSOR"),
 )
-KEPT_ELSEWHERE = _ids("XITL_CLOUD", "XITL_PING")
-"""Not recorded as frames: a recording has them as /lidar/points, /sonar/ping and /companion/map."""
+KEPT_ELSEWHERE = _ids("XITL_CLOUD", "XITL_PING", "XITL_DETECTION")
+"""Not recorded as frames: they are /lidar/points, /sonar/ping, /cameras/detections and /companion/map."""
 
 
 def companion_parameters(profile: RunProfile) -> dict[str, float]:
@@ -187,6 +188,8 @@ class CompanionNode(RunNode):
         self._companion = companion
         self._to_autopilot = to_autopilot
         self._lockstep = profile.clock.mode == "lockstep"
+        cameras = () if profile.sensors is None else profile.sensors.cameras
+        self._cameras = {camera.name: camera.position_frd_m for camera in cameras}
         self.inbox = CompanionInbox(local_frame(profile.site), self._lockstep, self._heard)
         key = companion.link_key_file
         signing = None if key is None else Signing(read_key_file(key, "companion.link_key_file"))
@@ -221,6 +224,7 @@ class CompanionNode(RunNode):
     def begin(self, context: RunContext) -> None:
         self._now_ns = context.clock.now_ns
         self.agent.begin(context, companion_parameters(self._profile), {})
+        context.recorder.watch(DETECTIONS, self._send_detection)
         self.inbox.holds = self._lockstep
         if self._lockstep:
             self.agent.link.wait_for_room = self._wait_for_room
@@ -231,6 +235,14 @@ class CompanionNode(RunNode):
         """Send the data of the companion's sensors."""
         if self.gone is None:
             self.agent.send_sensors(list(messages))
+
+    def _send_detection(self, stamp_ns: int, *values: Any) -> None:
+        """Send an object that the detector of a camera found, when its image is available."""
+        found = CameraDetection(*values)
+        label = found.label.encode("ascii", "replace")[:16]
+        angles = found.bearing_rad, found.width_rad, found.bottom_rad, found.top_rad
+        place = self._cameras[found.camera]
+        self.send([dialect.MAVLink_xitl_detection_message(stamp_ns // 1000, place, *angles, found.confidence, label)])
 
     def forward(self, message: Any) -> None:
         """Pass on a message of the autopilot with the next exchange if it is for the companion."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryFile, gettempdir
@@ -174,7 +174,26 @@ class FindingsNode(RunNode):
             "mapping": {**accuracy.mapping, "sonar_points": len(self._maps["sonar"])},
             "obstacles": self.score.report(),
             "companion": self.companion(),
+            "warnings": list(self._drops()),
         }
+
+    def _drops(self) -> Iterator[str]:
+        """Yield a sentence for each kind of data that the companion dropped after the autopilot's first pose."""
+        status = self.status
+        if status is None:
+            return
+        clouds = status.clouds_unplaced - status.clouds_early
+        detections = status.detections_dropped - status.detections_early
+        if clouds:
+            yield (
+                f"the companion looked for no obstacles in {clouds} clouds, because it did not know the "
+                "pose of the vessel at their instants; check the rates of ATTITUDE_QUATERNION and LOCAL_POSITION_NED"
+            )
+        if detections:
+            yield (
+                f"the companion did not use {detections} of {status.detections} detections of cameras, "
+                "because their pose was unknown or too many came at once; lower the cameras' rate_hz"
+            )
 
     def save(self, folder: Path) -> None:
         """Save the map, the trajectory and the truth, if there is an odometry."""

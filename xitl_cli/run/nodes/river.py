@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from agent.wire.dialect import MAV_SEVERITY_INFO as INFO
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core import frames
+from sim_core import simulation as simulations
 from sim_core.world.contact import Contacts
 from sim_core.world.debris import DebrisState, Launch, make_body
 from sim_core.world.plan import Capsules
@@ -313,6 +314,9 @@ def river_from_profile(profile: RunProfile, seeds: Seeds, plant: Plant, progress
         waterway,
         environment.water,
         plant.vessels[0].tide_m,
+        lambda: simulations.water_motion(
+            plant.vessels[0].simulation, plant.state.environment, plant.state.time_ns
+        ).wind_ne_mps(),
     )
     port = None if debris.control is None else LaunchPort(debris.control)
     return RiverNode(plant, encounters, port, profile.recording.scene, progress)

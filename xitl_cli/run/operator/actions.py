@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 
 from sim_core.environment.spec import CurrentSpec, WaveSpec, WindSpec
 from sim_core.keys import Bounds, Direction, Items, Positive, Specification, SpecificationError, key_annotations
+from sim_core.world.spec import DebrisName
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.entry import Entry, Origin, ProfileError
 from xitl_cli.profile.reader import read_group
@@ -60,7 +61,7 @@ class ChangePace(Specification):
 class LaunchBody(Specification):
     """Put a body into the water."""
 
-    kind: Literal["trunk", "branch", "plants", "animal"] = "trunk"
+    kind: DebrisName = "trunk"
     north_m: Way
     east_m: Way
     heading_deg: Direction = 0.0

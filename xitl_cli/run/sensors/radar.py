@@ -94,10 +94,10 @@ class RadarWorld:
         """Return the surroundings at the latest step."""
         plant = self._plant
         water_down_m = self._scenery.water_down_m - plant.tide_m()
-        bodies, debris = plant.bodies(), len(plant.state.debris.bodies)
+        bodies, debris = plant.bodies(), plant.state.debris.bodies
         poses = zip(bodies.meshes, bodies.pos_ned_m, bodies.rot_ned_body, strict=True)
         moving = [
-            self._shape(mesh, vessel=number >= debris).moved(place, turned)
+            self._shape(mesh, vessel=number >= len(debris)).moved(place, turned)
             for number, (mesh, place, turned) in enumerate(poses)
         ]
         places, sections = [], []
@@ -106,6 +106,11 @@ class RadarWorld:
             height_m = height_m if reflector.height_m is None else reflector.height_m
             places.append((*reflector.place_ne_m, water_down_m - height_m))
             sections.append(section_m2 if reflector.cross_section_m2 is None else reflector.cross_section_m2)
+        for body, place in zip(debris, bodies.pos_ned_m, strict=False):
+            if body.buoy is not None and body.buoy.reflector_m2:
+                top_m = float(body.mesh.vertices_m[:, 2].min())
+                places.append((*place[:2].tolist(), float(place[2]) + top_m))
+                sections.append(body.buoy.reflector_m2)
         parts = (*self._fixed, *moving, reflector_points(np.array(places).reshape(-1, 3), np.array(sections)))
         return replace(self._weather, points=parts, water_down_m=water_down_m)
 

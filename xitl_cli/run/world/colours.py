@@ -9,8 +9,9 @@ import numpy as np
 from numpy import float64
 
 from sim_core.frames import Array
-from sim_core.world.debris import BodyKind
+from sim_core.world.debris import Body, BodyKind
 from sim_core.world.geometry import EARTH, MATERIALS, Mesh
+from sim_core.world.spec import BuoyColour
 
 Rgb: TypeAlias = tuple[float, float, float]
 
@@ -33,7 +34,37 @@ BODY_COLOURS: dict[BodyKind, Rgb] = {
     BodyKind.BRANCH: (0.5, 0.36, 0.2),
     BodyKind.PLANTS: (0.27, 0.46, 0.17),
     BodyKind.ANIMAL: (0.55, 0.42, 0.35),
+    BodyKind.PLANK: (0.68, 0.56, 0.38),
+    BodyKind.PLASTIC: (0.08, 0.27, 0.62),
 }
+"""Of drifting bodies. Buoys have `BUOY_MARKS`."""
+
+_RED, _GREEN, _YELLOW, _BLACK = (0.75, 0.06, 0.05), (0.04, 0.45, 0.18), (0.95, 0.78, 0.05), (0.06, 0.06, 0.07)
+_WHITE, _BLUE, _ORANGE = (0.92, 0.92, 0.9), (0.05, 0.2, 0.6), (0.95, 0.42, 0.08)
+BUOY_MARKS: dict[BuoyColour, tuple[Rgb, ...]] = {
+    "red": (_RED,),
+    "green": (_GREEN,),
+    "yellow": (_YELLOW,),
+    "orange": (_ORANGE,),
+    "white": (_WHITE,),
+    "black": (_BLACK,),
+    "blue": (_BLUE,),
+    "port-a": (_RED,),
+    "starboard-a": (_GREEN,),
+    "port-b": (_GREEN,),
+    "starboard-b": (_RED,),
+    "north": (_BLACK, _YELLOW),
+    "east": (_BLACK, _YELLOW, _BLACK),
+    "south": (_YELLOW, _BLACK),
+    "west": (_YELLOW, _BLACK, _YELLOW),
+    "isolated-danger": (_BLACK, _RED, _BLACK),
+    "safe-water": (_RED, _WHITE),
+    "special": (_YELLOW,),
+    "wreck": (_BLUE, _YELLOW),
+}
+"""Colours of bands from the top down to the water (IALA R1001). Those of `STRIPED` are upright stripes."""
+STRIPED = ("safe-water", "wreck")
+_STRIPES = 8
 
 PAINTS: dict[str, Rgb] = {
     "hull": (0.90, 0.91, 0.92),
@@ -51,6 +82,26 @@ PAINTS: dict[str, Rgb] = {
     "green light": (0.1, 1.0, 0.3),
 }
 """Paints of vessels, of the floats of a log boom, and of lamps."""
+
+
+def coloured_parts(body: Body) -> tuple[tuple[Mesh, Rgb], ...]:
+    """Return the surface of a floating body in parts of one colour, in its axes."""
+    mesh = body.mesh
+    if body.buoy is None:
+        return ((mesh, BODY_COLOURS[body.kind]),)
+    colours = BUOY_MARKS[body.buoy.colour]
+    middle = mesh.vertices_m[mesh.faces].mean(axis=1)
+    if body.buoy.colour in STRIPED:
+        turn = (np.arctan2(middle[:, 1], middle[:, 0]) / (2.0 * np.pi)) % 1.0
+        number = np.floor(turn * _STRIPES).astype(int) % len(colours)
+    else:
+        top_m = float(mesh.vertices_m[:, 2].min())
+        share = (middle[:, 2] - top_m) / body.height_m
+        number = np.clip(np.floor(share * len(colours)).astype(int), 0, len(colours) - 1)
+    return tuple(
+        (Mesh(mesh.vertices_m, mesh.faces[number == chosen], mesh.material), colour)
+        for chosen, colour in enumerate(colours)
+    )
 
 
 def linear_colour(colour: Sequence[float]) -> Array:

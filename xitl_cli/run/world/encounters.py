@@ -99,7 +99,7 @@ class MissionLegs:
 
 class DebrisEncounters:
     """The encounters of one run. `current_ned_mps`: returns the mean current (1, 3) at a place (1, 3). `tide_m`:
-    returns the height of the still water above its mean level now.
+    returns the height of the still water above its mean level now. wind_ne_mps: returns the wind at 10 m (2,).
 
     no_room: encounters that were left out because of a fixed object at the meeting place.
     """
@@ -113,13 +113,14 @@ class DebrisEncounters:
         waterway: Waterway,
         water: Water,
         tide_m: Callable[[], float] = lambda: 0.0,
+        wind_ne_mps: Callable[[], Array] = lambda: np.zeros(2),
     ) -> None:
         self._left = list(encounters)
         self._legs = legs
         self._speed_mps = speed_mps
         self._current_ned_mps = current_ned_mps
         self._waterway = waterway
-        self._water, self._tide_m = water, tide_m
+        self._water, self._tide_m, self._wind_ne_mps = water, tide_m, wind_ne_mps
         self.no_room = 0
 
     def due(self, now_ns: int, place_ne_m: Point, target: int | None) -> list[Launch]:
@@ -146,7 +147,7 @@ class DebrisEncounters:
         left_s = max(encounter.along_m - along_m, 0.0) / self._speed_mps
         current = self._current_ned_mps(np.array([[*meeting, 0.0]]))[0, :2]
         heading = np.array([math.cos(encounter.heading_rad), math.sin(encounter.heading_rad)])
-        drift_m = left_s * (current + body.swim_mps * heading)
+        drift_m = left_s * (current + body.windage * self._wind_ne_mps() + body.swim_mps * heading)
         steps = int(np.hypot(*drift_m) / CLEAR_M) + 1
         way = meeting - np.linspace(0.0, 1.0, steps + 1)[:, None] * drift_m
         free = np.ones(len(way), dtype=bool_)  # whether the body would float freely at each place

@@ -21,7 +21,7 @@ from sim_core.world.river import RiverBed
 from sim_core.world.structures import LogBoom
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame, vessel_name
-from xitl_cli.run.world.colours import BODY_COLOURS, MATERIAL_COLOURS, PAINTS, Rgb, ground_colours, water_colour
+from xitl_cli.run.world.colours import MATERIAL_COLOURS, PAINTS, Rgb, coloured_parts, ground_colours, water_colour
 from xitl_cli.run.world.vessel_shape import MOST_DRAWN, drawn_diameter_m, vessel_parts
 from xitl_cli.scenery import Scenery
 
@@ -265,7 +265,7 @@ def make_debris_scene(bodies: Sequence[Body], first: int) -> messages.SceneUpdat
     """Return the bodies from number `first` on."""
     entities = []
     for number, body in enumerate(bodies[first:], start=first):
-        triangles = _triangles(body.mesh, frames.frd_to_flu, _colour(BODY_COLOURS[body.kind]))
+        triangles = [_triangles(mesh, frames.frd_to_flu, _colour(colour)) for mesh, colour in coloured_parts(body)]
         frame = body_frame(number)
-        entities.append(messages.SceneEntity(frame_id=frame, id=frame, frame_locked=True, triangles=[triangles]))
+        entities.append(messages.SceneEntity(frame_id=frame, id=frame, frame_locked=True, triangles=triangles))
     return messages.SceneUpdate(entities=entities)

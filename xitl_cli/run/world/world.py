@@ -19,9 +19,10 @@ from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from sim_core.sensors.magnetometer import local_field_ned_gauss
 from sim_core.simulation import Simulation, SimulationState, initial
-from sim_core.world.debris import BodyKind, Launch
+from sim_core.world.debris import BodyKind, BuoyForm, Launch
 from sim_core.world.mesh_contact import NO_TRIANGLES, Triangles
 from sim_core.world.plan import Capsules, box_capsules
+from sim_core.world.spec import BuoySpec
 from sim_core.world.structures import NEAR_SURFACE_M
 from sim_core.world.traffic import ScriptedVessel
 from sim_core.world.waterway import OPEN_WATER, Waterway
@@ -94,13 +95,13 @@ def _starts(profiles: Sequence[RunProfile]) -> tuple[Array, Array]:
 
 
 def has_waterway(profile: RunProfile) -> bool:
-    """Whether a run of this profile has more than open water: contact, or debris."""
-    debris = profile.world.debris
-    return bool(profile.world.contact or debris.launches or debris.encounters.count or debris.control)
+    """Whether a run of this profile has more than open water: contact, debris, or buoys."""
+    world, debris = profile.world, profile.world.debris
+    return bool(world.contact or world.buoys or debris.launches or debris.encounters.count or debris.control)
 
 
 def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
-    """Return the waterway; open water when the profile has neither contact nor debris."""
+    """Return the waterway; open water when the profile has neither contact nor bodies afloat."""
     if not has_waterway(profile):
         return OPEN_WATER
     tide_m = make_tide(profile.environment).bounds_m
@@ -115,7 +116,8 @@ def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
         name = "dam" if profile.world.dam is not None and number == 0 else "building"
         north, east, _ = solid.centre_m.tolist()
         parts.append(box_capsules(name, (north, east), (float(solid.size_m[0]), float(solid.size_m[1])), heading_rad))
-    launches = sorted(map(launch_from, profile.world.debris.launches), key=lambda launch: launch.at_ns)
+    drifting = sorted(map(launch_from, profile.world.debris.launches), key=lambda launch: launch.at_ns)
+    launches = [*map(_moored, profile.world.buoys), *drifting]
     contact = profile.world.contact
     triangles = Triangles.from_meshes(scenery.felt, scenery.water_down_m, tide_m) if contact else NO_TRIANGLES
     return Waterway(Capsules.joined(parts), scenery.bed, tuple(launches), contact, triangles)
@@ -125,7 +127,14 @@ def launch_from(spec: LaunchSpec) -> Launch:
     """Return a launch of the profile."""
     north_m, east_m = spec.pos_ned_m
     kind = BodyKind[spec.kind.upper()]
-    return Launch(round(spec.at_s * 1e9), kind, north_m, east_m, math.radians(spec.heading_deg), spec.length_m)
+    heading_rad = math.radians(spec.heading_deg)
+    return Launch(round(spec.at_s * 1e9), kind, north_m, east_m, heading_rad, spec.length_m, spec.windage)
+
+
+def _moored(spec: BuoySpec) -> Launch:
+    """Return the launch of a buoy at the start."""
+    form = BuoyForm(spec.shape, spec.colour, spec.reflector_m2)
+    return Launch(0, BodyKind.BUOY, *spec.pos_ned_m, 0.0, spec.diameter_m, buoy=form, swing_m=spec.swing_m)
 
 
 def local_frame(site: SiteSpec) -> LocalFrame:

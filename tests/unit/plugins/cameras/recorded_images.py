@@ -77,7 +77,8 @@ def record(path: Path, images: Iterable[CameraImage], vessel: str = "", truth: b
         quat = tuple(matrix_to_quat(image.rot_ned_optical).tolist())
         horizon = image.horizon_px or (NAN, NAN)
         recorder.write(
-            image.stamp_ns, CameraFrame(image.camera, image.number, tuple(image.pos_ned_m.tolist()), quat, *horizon)
+            image.stamp_ns,
+            CameraFrame(image.camera, image.number, tuple(image.pos_ned_m.tolist()), quat, *horizon, NAN, NAN),
         )
         for seen in image.objects if truth else ():
             pose = seen.centre_optical_m, seen.quat_optical_box, seen.size_m

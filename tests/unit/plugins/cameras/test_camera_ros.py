@@ -139,7 +139,7 @@ def test_a_gimbal_turns_the_frame_of_its_camera() -> None:
         if not number:
             for name in ("eye", "fixed"):
                 x, y, z, w = (between * mount * optical).as_quat().tolist()
-                values = 1_005_000_000, name, 3, [0.0] * 3, [w, x, y, z], 0.0, 0.0
+                values = 1_005_000_000, name, 3, [0.0] * 3, [w, x, y, z], 0.0, 0.0, 0.0, 0.0
                 payload = MessageType(CameraFrame).encode(*values)
                 found += conversion.convert("/cameras/frames", payload, 1_005_000_000)
             assert not found, "it waits for the next attitude"

@@ -161,7 +161,7 @@ def test_streams_point_where_they_go(drawing: DrawingOnServer) -> None:
 
 def test_clouds_obstacles_target_and_debris(drawing: DrawingOnServer) -> None:
     points = np.zeros((10, 3), dtype=np.float32)
-    body = BodyInstant(np.ones(3), LEVEL, shapes.cuboid((1.0, 1.0, 1.0)).mesh("trunk", (90, 60, 30)))
+    body = BodyInstant(np.ones(3), LEVEL, (shapes.cuboid((1.0, 1.0, 1.0)).mesh("trunk", (90, 60, 30)),))
     seen = replace(
         AT_START,
         clouds={"lidar": points},

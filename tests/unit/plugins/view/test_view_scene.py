@@ -85,7 +85,7 @@ def test_bodies_are_told_by_their_number() -> None:
     bodies = [make_body(BodyKind.TRUNK, 4.0), make_body(BodyKind.BRANCH, 2.0)]
     found = read_bodies(read_scene_updates(make_debris_scene(bodies, 1).encode()))
     assert list(found) == [1]
-    assert np.ptp(found[1].vertices_m[:, 0]) == pytest.approx(2.0, rel=0.2)
+    assert np.ptp(found[1][0].vertices_m[:, 0]) == pytest.approx(2.0, rel=0.2)
 
 
 def test_what_is_no_scene_says_so() -> None:

@@ -90,7 +90,36 @@ def test_a_run_without_bodies_has_no_clearance() -> None:
         "tracks": 0,
         "false": 0,
         "min_clearance_m": None,
+        "range_rms_m": None,
+        "classes": {},
     }
+
+
+def test_classes_and_ranges_are_compared_with_the_bodies() -> None:
+    state = launched(debris(), Launch(0, BodyKind.BUOY, -20.0, 0.0, swing_m=0.5), np.zeros(3), 0.0)
+    score = ObstacleScore(HULL_M)
+    score.see(np.zeros(3), 0.0, state)
+    score.hear(labelled(news(30.0, 0.0, 1), "debris"))
+    score.hear(labelled(news(-20.0, 0.0, 2), "vessel"))
+    score.hear(labelled(news(0.0, 30.0, 3), ""))
+    classes = score.report()["classes"]
+    assert classes["debris"] == {"tracked": 2, "right": 1, "wrong": 0}  # the raft has no class
+    assert classes["buoy"] == {"tracked": 1, "right": 0, "wrong": 1}
+    score.hear(labelled(news(-20.0, 0.0, 2), "buoy"))
+    score.hear(news(-20.0, 0.0, 2))  # without a class, the latest one stays
+    assert score.report()["classes"]["buoy"] == {"tracked": 1, "right": 1, "wrong": 0}
+
+
+def test_the_range_error_is_that_from_the_bow() -> None:
+    score = ObstacleScore(HULL_M)
+    score.see(np.zeros(3), 0.0, debris())
+    score.hear(news(30.0, 0.0))  # reports 9 m
+    assert score.report()["range_rms_m"] == pytest.approx(30.0 - 0.25 - 1.15 - 9.0, abs=0.01)
+
+
+def labelled(message: mav.MAVLink_xitl_obstacle_message, label: str) -> mav.MAVLink_xitl_obstacle_message:
+    message.label = label
+    return message
 
 
 def test_another_vessel_is_no_false_obstacle() -> None:

@@ -136,3 +136,24 @@ def test_the_memory_of_poses_and_maps_does_not_grow() -> None:
     places, _ = found.map_points("lidar")
     assert places[:, 0].tolist() == np.repeat(np.arange(300), 20).tolist()
     assert len(found.odometry().stamp_ns) == 600
+
+
+def status(**counts: int) -> Any:
+    message = mav.MAVLink_xitl_companion_status_message(
+        *(0,) * len(mav.MAVLink_xitl_companion_status_message.fieldnames)
+    )
+    for name, count in counts.items():
+        setattr(message, name, count)
+    return message
+
+
+def test_data_without_a_pose_are_counted_and_reported_unless_the_run_has_just_begun() -> None:
+    found, _ = findings()
+    found.handle(status(clouds=200, clouds_unplaced=31, clouds_early=31, detections_dropped=9, detections_early=9))
+    report = found.report()
+    assert (report["companion"]["clouds_unplaced"], report["companion"]["clouds_early"]) == (31, 31)
+    assert report["warnings"] == []
+    found.handle(status(clouds_unplaced=38, clouds_early=31, detections=90, detections_dropped=14, detections_early=9))
+    clouds, detections = found.report()["warnings"]
+    assert "no obstacles in 7 clouds" in clouds
+    assert "5 of 90 detections" in detections

@@ -112,11 +112,54 @@ def test_what_stands_in_the_river_of_the_profile_is_felt() -> None:
             "use a value of at most 50 in m",
         ),
         ("world.debris.launches=[{pos_ned_m: [0.0, 0.0], kind: whale}]", "kind"),
+        ("world.debris.launches=[{pos_ned_m: [0.0, 0.0], windage: 2}]", r"windage = 2 is too large"),
+        ("world.buoys=[{shape: can}]", r"world\.buoys\.0 needs 'pos_ned_m'; add it"),
+        (
+            "world.buoys=[{pos_ned_m: [0.0, 0.0], colour: yelow}]",
+            r"buoys\.0\.colour = 'yelow' is .*did you mean 'yellow'",
+        ),
+        (
+            "world.buoys=[{pos_ned_m: [0.0, 0.0], diameter_m: 9}]",
+            r"buoys\.0\.diameter_m = 9 is too large; use .* 5 in m",
+        ),
+        ("world.buoys=[{pos_ned_m: [0.0, 0.0], depth_m: 3}]", r"buoys\.0\.depth_m is not a known key"),
     ],
 )
-def test_bad_debris_is_refused(value: str, problem: str) -> None:
+def test_bad_bodies_are_refused(value: str, problem: str) -> None:
     with pytest.raises(ProfileError, match=problem):
         load_profile("sitl", [value]).runnable()
+
+
+def test_a_buoy_is_refused_with_file_and_line(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text(
+        "extends: sitl\nworld:\n  buoys:\n    - {pos_ned_m: [0, 0]}\n    - {pos_ned_m: [5, 0], shape: ball}\n"
+    )
+    with pytest.raises(ProfileError, match=r"own\.yaml:5: world\.buoys\.1\.shape = 'ball' is not one of the choices"):
+        load_profile(str(file)).runnable()
+
+
+@pytest.mark.parametrize(
+    ("detector", "problem"),
+    [
+        ("{kind: onnx, model: pyproject.toml}", r"cameras\.0\.detector of kind onnx needs 'classes'; add it"),
+        ("{kind: onnx, model: nowhere.onnx, classes: [buoy]}", r"detector\.model: .*nowhere\.onnx does not exist"),
+        ("{kind: colour, classes: [buoy]}", r"detector\.classes is for kind: onnx, and this detector is kind: colour"),
+        ("{kind: onnx, model: pyproject.toml, classes: [buoy], overlap: 2}", r"overlap = 2 is too large"),
+        ("7", r"detector = 7 is not a group"),
+    ],
+)
+def test_a_bad_detector_is_refused(detector: str, problem: str) -> None:
+    with pytest.raises(ProfileError, match=problem):
+        load_profile("sitl-camera", [f"sensors.cameras.0.detector={detector}"]).runnable()
+
+
+def test_the_name_of_a_detector_is_its_kind() -> None:
+    short, long = (
+        load_profile("sitl-camera", [f"sensors.cameras.0.detector={value}"]).runnable().sensors
+        for value in ("colour", "{kind: colour}")
+    )
+    assert short == long
 
 
 @pytest.mark.medium

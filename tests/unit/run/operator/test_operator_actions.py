@@ -23,7 +23,10 @@ from xitl_cli.run.operator.operation import TimedAction, read_events
         ({"action": "wind", "mean": 6}, "did you mean 'mean_mps'"),
         ({"action": "wind", "mean_mps": 200}, "mean_mps = 200 is too large; use a value of at most 100 in m/s"),
         ({"action": "wind", "gust": {"spectrum": "npd"}}, "does not fit the gust spectrum npd"),
-        ({"action": "launch", "kind": "tree", "north_m": 1, "east_m": 2}, "use trunk, branch, plants or animal"),
+        (
+            {"action": "launch", "kind": "tree", "north_m": 1, "east_m": 2},
+            "use trunk, branch, plants, animal, plank or plastic",
+        ),
         ({"action": "launch", "north_m": 1}, "needs 'east_m'"),
         ({"action": "goto", "north_m": float("nan"), "east_m": 1}, "is not finite"),
         ({"action": "pace", "factor": 0}, "is too small"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +17,7 @@ from sim_core.sensors.lidar import BodyTrack
 from sim_core.sensors.radar import MarineRadar, RadarSector
 from sim_core.sensors.radar_targets import vessel_section_m2
 from sim_core.sensors.spec import SECTORS
+from sim_core.world.debris import Body, BodyKind, BuoyForm, Launch, bodies_at, launched, make_body, no_debris
 from sim_core.world.geometry import PLASTIC, box
 from sim_core.world.rays import NO_BODIES, Bodies
 from xitl_cli.profile import load_profile
@@ -50,11 +52,11 @@ class Kept:
         self.plots.append((stamp_ns, plot))
 
 
-def plant(bodies: Bodies = NO_BODIES, debris: int = 0) -> Any:
+def plant(bodies: Bodies = NO_BODIES, debris: Sequence[Body] = ()) -> Any:
     return SimpleNamespace(
         tide_m=lambda: 0.0,
         bodies=lambda: bodies,
-        state=SimpleNamespace(debris=SimpleNamespace(bodies=(None,) * debris)),
+        state=SimpleNamespace(debris=SimpleNamespace(bodies=debris)),
     )
 
 
@@ -153,7 +155,7 @@ def test_a_vessel_has_the_section_of_its_length_and_a_drifting_body_that_of_its_
     of = profile()
     assert of.sensors is not None
     assert of.sensors.radar is not None
-    world = RadarWorld(of, of.sensors.radar, Scenery(of), plant(bodies, debris=1))
+    world = RadarWorld(of, of.sensors.radar, Scenery(of), plant(bodies, [make_body(BodyKind.TRUNK)]))
     drifting, vessel = world.now().points[-3:-1]
     abeam = np.array([0.0, 1.0, 0.0])
     upper = drifting.above(0.0)
@@ -218,3 +220,15 @@ def test_a_wrong_key_is_a_sentence_with_key_and_fix(setting: str, text: str) -> 
         load_profile("sitl", [setting]).runnable()
     assert text in str(caught.value)
     assert setting.split("=")[0] in str(caught.value)
+
+
+def test_the_reflector_of_a_buoy_adds_its_cross_section_at_its_top() -> None:
+    state = launched(
+        no_debris(), Launch(0, BodyKind.BUOY, 40.0, 5.0, buoy=BuoyForm("pillar", "red", 10.0)), np.zeros(3), 0.0
+    )
+    of = profile()
+    assert of.sensors is not None
+    assert of.sensors.radar is not None
+    added = RadarWorld(of, of.sensors.radar, Scenery(of), plant(bodies_at(state, 0), state.bodies)).now().points[-1]
+    assert added.constant_m2.tolist() == [10.0]
+    assert added.place_m[0].tolist() == pytest.approx([40.0, 5.0, -state.bodies[0].height_m])
