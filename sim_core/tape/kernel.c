@@ -7,9 +7,17 @@ operations on a value is the same for both, and so is the result, bit for bit. *
 #include <stdint.h>
 #include <string.h>
 
-typedef double vd __attribute__((vector_size(64)));
-typedef int64_t vi __attribute__((vector_size(64)));
-enum { WIDTH = 8 };
+/* A vector is a register of the processor: gcc keeps wider ones in memory, which takes three times as long. */
+#if defined(__AVX512F__)
+enum { BYTES = 64 };
+#elif defined(__AVX__)
+enum { BYTES = 32 };
+#else
+enum { BYTES = 16 };
+#endif
+typedef double vd __attribute__((vector_size(BYTES)));
+typedef int64_t vi __attribute__((vector_size(BYTES)));
+enum { LANES = 8, WIDTH = BYTES / 8 };
 
 enum {
     NEGATIVE, ABSOLUTE, SQRT, SIN, COS, RINT, ISNAN, LOGICAL_NOT, FLOOR, SIGN, SQUARE,
@@ -23,7 +31,7 @@ enum { RUN, SAME, TABLE }; /* where an operand lies: consecutive values, one val
 
 #define REACH 1e6 /* of the reduction */
 
-/* Sine and cosine of eight angles, by reduction to (-pi/4, pi/4) in three parts of pi/2 and the polynomials of fdlibm.
+/* Sine and cosine of WIDTH angles, by reduction to (-pi/4, pi/4) in three parts of pi/2 and the polynomials of fdlibm.
    Returns which angles are within reach. */
 static inline __attribute__((always_inline)) vi sine_cosine(const double *restrict x, vd *sine, vd *cosine)
 {
@@ -134,39 +142,47 @@ matmul_of_one(const int64_t columns, int64_t rows, int64_t inner, double *restri
               const double *restrict matrix)
 {
     for (int64_t i = 0; i < rows; i++, out += columns, a += inner) {
-        double few[WIDTH] = {0}, *sum = columns <= WIDTH ? few : out;
-        for (int64_t j = 0; columns > WIDTH && j < columns; j++)
+        double few[LANES] = {0}, *sum = columns <= LANES ? few : out;
+        for (int64_t j = 0; columns > LANES && j < columns; j++)
             out[j] = 0.0;
         for (int64_t k = 0; k < inner; k++)
             for (int64_t j = 0; j < columns; j++)
                 sum[j] += a[k] * matrix[k * columns + j];
-        if (columns <= WIDTH)
+        if (columns <= LANES)
             memcpy(out, few, (size_t)columns * sizeof *few);
     }
+}
+
+/* Some columns of the product of one row, of eight lanes. */
+static inline __attribute__((always_inline)) void
+matmul_of_row(const int columns, int64_t inner, int64_t stride, double *restrict out, const double *restrict a,
+              const double *restrict matrix)
+{
+    vd sum[LANES / WIDTH][4] = {{{0}}};
+    for (int64_t k = 0; k < inner; k++)
+        for (int part = 0; part < LANES / WIDTH; part++) {
+            vd x;
+            memcpy(&x, a + k * LANES + part * WIDTH, sizeof x);
+            for (int t = 0; t < columns; t++)
+                sum[part][t] += x * matrix[k * stride + t];
+        }
+    for (int part = 0; part < LANES / WIDTH; part++)
+        for (int t = 0; t < columns; t++)
+            memcpy(out + t * LANES + part * WIDTH, &sum[part][t], sizeof(vd));
 }
 
 /* The same of eight lanes. */
 static void matmul_of_eight(int64_t rows, int64_t inner, int64_t columns, double *restrict out,
                             const double *restrict a, const double *restrict matrix)
 {
-    for (int64_t i = 0; i < rows; i++, a += inner * WIDTH) {
+    for (int64_t i = 0; i < rows; i++, a += inner * LANES, out += columns * LANES) {
         int64_t j = 0;
-        for (; j + 4 <= columns; j += 4, out += 4 * WIDTH) {
-            vd sum[4] = {{0}}, x;
-            for (int64_t k = 0; k < inner; k++) {
-                memcpy(&x, a + k * WIDTH, sizeof x);
-                for (int t = 0; t < 4; t++)
-                    sum[t] += x * matrix[k * columns + j + t];
-            }
-            memcpy(out, sum, sizeof sum);
-        }
-        for (; j < columns; j++, out += WIDTH) {
-            vd sum = {0}, x;
-            for (int64_t k = 0; k < inner; k++) {
-                memcpy(&x, a + k * WIDTH, sizeof x);
-                sum += x * matrix[k * columns + j];
-            }
-            memcpy(out, &sum, sizeof sum);
+        for (; j + 4 <= columns; j += 4)
+            matmul_of_row(4, inner, columns, out + j * LANES, a, matrix + j);
+        switch (columns - j) { /* loops of known length are faster */
+        case 1: matmul_of_row(1, inner, columns, out + j * LANES, a, matrix + j); break;
+        case 2: matmul_of_row(2, inner, columns, out + j * LANES, a, matrix + j); break;
+        case 3: matmul_of_row(3, inner, columns, out + j * LANES, a, matrix + j);
         }
     }
 }

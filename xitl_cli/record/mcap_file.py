@@ -12,6 +12,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -127,6 +128,8 @@ class McapFile:
         self._kept: list[ChunkMessage] = []
         self._filled_bytes = 0
         self._channels: dict[str, PayloadWriter] = {}
+        self._plain: dict[PayloadWriter, int] = {}
+        """Channels by writers that only record, without a split or a mirror."""
         self._schemas: dict[str, int] = {}
         try:
             self._file = path.open("xb")
@@ -172,6 +175,26 @@ class McapFile:
         """Return a writer of encoded messages of one type of foxglove.messages."""
         schema = message_type.get_schema()
         return self._channel(topic, "protobuf", schema.name, schema.encoding, schema.data, kind)
+
+    def joined_writer(self, writers: Sequence[PayloadWriter]) -> Callable[[Sequence[bytes], int], None]:
+        """Return a function that writes one payload with each of these writers of this file, all at one instant."""
+        channels = [self._plain[write] for write in writers if write in self._plain]
+
+        def write_each(payloads: Sequence[bytes], stamp_ns: int) -> None:
+            for write, payload in zip(writers, payloads, strict=True):
+                write(payload, stamp_ns)
+
+        def write_together(payloads: Sequence[bytes], stamp_ns: int) -> None:
+            if self._refused_once:
+                return
+            rows = zip(channels, payloads, strict=True)
+            records = [message_record(channel, stamp_ns, payload, stamp_ns) for channel, payload in rows]
+            self._kept += zip(channels, repeat(stamp_ns), records)
+            self._filled_bytes += sum(map(len, records))
+            if self._filled_bytes >= CHUNK_BYTES:
+                self._write_kept(everything=False)
+
+        return write_together if len(channels) == len(writers) else write_each
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Store a file inside the recording."""
@@ -274,6 +297,8 @@ class McapFile:
         described = topic, encoding, schema_name, schema_encoding, definition
         wanted = [show for mirror in self._mirrors if (show := mirror.open_channel(*described)) is not None]
         if not wanted:
+            if write is log:
+                self._plain[write] = channel
             return self._channels.setdefault(topic, write)
 
         def log_and_show(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:

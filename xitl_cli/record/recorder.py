@@ -150,10 +150,10 @@ class TopicWriter:
         """Whether somebody watches one of these topics."""
         return not self._watched.keys().isdisjoint(topics)
 
-    def write_payload(self, topic: str, stamp_ns: int, payload: bytes) -> None:
-        """Write an encoded message on a topic that nobody watches."""
+    def payload_writer(self, topic: str) -> PayloadWriter:
+        """Return the writer of encoded messages of a topic that nobody watches."""
         _, write = self._channels.get(topic) or self._open(TOPICS[topic])
-        write(payload, stamp_ns)
+        return write
 
     def _open(self, topic: Topic, link: str = "") -> Channel:
         name = topic_name(topic, self._vessel, link)
@@ -279,21 +279,7 @@ class Recorder:
 
     def truth(self, stamp_ns: int, motion: Kinematics, rotor: Array) -> None:
         """Write the true state of the first vessel: state, odometry, pose and transform."""
-        self.truth_row(stamp_ns, TruthTable(motion, rotor), 0)
-
-    def truth_row(self, stamp_ns: int, table: TruthTable, row: int) -> None:
-        """Write the true state of the vessel in this row of the table."""
-        topics, frame = self._topics, self._topics.frame(VESSEL_FRAME)
-        if topics.watches(STATE, ODOMETRY, POSE, TRANSFORM):  # the watchers get values, not payloads
-            topics.write(STATE, stamp_ns, *table.state(row))
-            topics.write(ODOMETRY, stamp_ns, *table.odometry(row, frame))
-            topics.write(POSE, stamp_ns, table.pose(stamp_ns, row))
-            topics.write(TRANSFORM, stamp_ns, table.transform(stamp_ns, row, frame))
-        else:
-            topics.write_payload(STATE, stamp_ns, table.state_payload(stamp_ns, row))
-            topics.write_payload(ODOMETRY, stamp_ns, table.odometry_payload(stamp_ns, row, frame))
-            topics.write_payload(POSE, stamp_ns, table.pose_payload(stamp_ns, row))
-            topics.write_payload(TRANSFORM, stamp_ns, table.transform_payload(stamp_ns, row, frame))
+        TruthWriter([self]).write(stamp_ns, [TruthTable(motion, rotor)])
 
     def fix(self, stamp_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
         """Write the true geodetic position."""
@@ -408,6 +394,48 @@ class Recorder:
             topic, stamp_ns, MAP_FRAME, child, position, (x, y, z, w), pose_covariance, twist, twist_covariance
         )
         return position, attitude
+
+
+class TruthWriter:
+    """Writes the true motion of vessels: state, odometry, pose and transform.
+
+    recorders: one for each vessel, in the order of the messages. rows: for each vessel, its table and its row there; by
+    default all are rows of one table.
+    """
+
+    def __init__(self, recorders: Sequence[Recorder], rows: Sequence[tuple[int, int]] = ()) -> None:
+        self._rows = tuple(rows) or tuple((0, row) for row in range(len(recorders)))
+        self._join = recorders[0]._file.joined_writer
+        self._topics = [recorder._topics for recorder in recorders]
+        named = zip(self._rows, [topics.frame(VESSEL_FRAME) for topics in self._topics], strict=True)
+        self._frames: dict[int, list[str]] = {}
+        for (table, _), frame in sorted(named):
+            self._frames.setdefault(table, []).append(frame)
+        self._write: Callable[[Sequence[bytes], int], None] | None = None
+
+    def write(self, stamp_ns: int, tables: Sequence[TruthTable]) -> None:
+        """Write the rows of the tables."""
+        if any(topics.watches(*_TRUTH) for topics in self._topics):  # the watchers get values, not payloads
+            for topics, (table, row) in zip(self._topics, self._rows, strict=True):
+                frame = self._frames[table][row]
+                topics.write(STATE, stamp_ns, *tables[table].state(row))
+                topics.write(ODOMETRY, stamp_ns, *tables[table].odometry(row, frame))
+                topics.write(POSE, stamp_ns, tables[table].pose(stamp_ns, row))
+                topics.write(TRANSFORM, stamp_ns, tables[table].transform(stamp_ns, row, frame))
+            return
+        if self._write is None:
+            self._write = self._join([topics.payload_writer(topic) for topic in _TRUTH for topics in self._topics])
+        framed = [(table, self._frames[number]) for number, table in enumerate(tables)]
+        encoded = (
+            [table.state_payloads(stamp_ns) for table in tables],
+            [table.odometry_payloads(stamp_ns, frames) for table, frames in framed],
+            [table.pose_payloads(stamp_ns) for table in tables],
+            [table.transform_payloads(stamp_ns, frames) for table, frames in framed],
+        )
+        self._write([of_topic[table][row] for of_topic in encoded for table, row in self._rows], stamp_ns)
+
+
+_TRUTH = (STATE, ODOMETRY, POSE, TRANSFORM)
 
 
 def _pose_covariance(pos_deviation_ned_m: Array | None, yaw_deviation_rad: float | None) -> tuple[float, ...]:

@@ -7,6 +7,7 @@ equal those of the encoders in `cdr` and of foxglove's classes.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from typing import Any
 
@@ -20,7 +21,7 @@ from xitl_cli.record.cdr import stamp_head
 from xitl_cli.record.topics import MAP_FRAME, TOPICS
 
 STATE, ODOMETRY, POSE, TRANSFORM = "/truth/state", "/truth/odometry", "/truth/pose", "/tf"
-_STATE_BYTES, _POSE_BYTES, _TWIST_BYTES, _COVARIANCE_BYTES = 16 * 8, 7 * 8, 6 * 8, 36 * 8
+_POSE_BYTES, _TWIST_BYTES, _COVARIANCE_BYTES = 7 * 8, 6 * 8, 36 * 8
 _EXACT = (0.0,) * 36  # covariance of the truth
 _NO_COVARIANCE = bytes(_COVARIANCE_BYTES)
 # Position and orientation as fields 1 and 2 of foxglove.Pose, each a message of doubles with their tags
@@ -39,10 +40,9 @@ class TruthTable:
         pose = np.concatenate([frames.ned_to_enu(pos_ned_m), attitude[:, 1:], attitude[:, :1]], axis=1)
         twist = np.concatenate([frames.frd_to_flu(vel_frd_mps), frames.frd_to_flu(gyro)], axis=1)
         self._state = pos_ned_m, vel_ned_mps, motion.acc_ned_mps2, motion.quat_ned_frd, gyro, rotor
-        self._motion_bytes, self._rotor_bytes = np.concatenate(self._state[:5], axis=1).tobytes(), rotor.tobytes()
-        self._pose_bytes, self._twist_bytes = pose.tobytes(), twist.tobytes()
+        self._motion = np.concatenate(self._state[:5], axis=1)
         self._actuators = rotor.shape[1]
-        self._twist = twist
+        self._pose, self._twist = pose, twist
         self._poses: list[list[float]] = pose.tolist()  # x y z of the position, x y z w of the attitude
 
     # Values of a vessel's messages
@@ -66,38 +66,51 @@ class TruthTable:
         """Return the message of /tf, for the frame of this name."""
         return transform_message(stamp_ns, frame, self._poses[row])
 
-    # The same messages, encoded
+    # The same messages of all vessels, encoded
 
-    def state_payload(self, stamp_ns: int, row: int) -> bytes:
-        """Encode `state`."""
-        motion = self._motion_bytes[row * _STATE_BYTES : (row + 1) * _STATE_BYTES]
-        count, size = self._actuators, 8 * self._actuators
-        length = count.to_bytes(4, "little") + bytes(4 if count else 0)  # numbers of eight bytes are aligned
-        return b"".join((stamp_head(stamp_ns), motion, length, self._rotor_bytes[row * size : (row + 1) * size]))
+    def state_payloads(self, stamp_ns: int) -> list[bytes]:
+        """Encode `state` of each vessel."""
+        count = self._actuators
+        # Numbers of eight bytes are aligned
+        head, length = stamp_head(stamp_ns), count.to_bytes(4, "little") + bytes(4 if count else 0)
+        rows = zip(_rows(self._motion), _rows(self._state[-1]), strict=True)
+        return [b"".join((head, motion, length, rotor)) for motion, rotor in rows]
 
-    def odometry_payload(self, stamp_ns: int, row: int, frame: str) -> bytes:
-        """Encode `odometry`."""
-        pose = self._pose_bytes[row * _POSE_BYTES : (row + 1) * _POSE_BYTES]
-        twist = self._twist_bytes[row * _TWIST_BYTES : (row + 1) * _TWIST_BYTES]
-        return b"".join((stamp_head(stamp_ns), _odometry_frames(frame), pose, _NO_COVARIANCE, twist, _NO_COVARIANCE))
+    def odometry_payloads(self, stamp_ns: int, frames: Sequence[str]) -> list[bytes]:
+        """Encode `odometry` of each vessel. frames: of the bodies."""
+        head = stamp_head(stamp_ns)
+        rows = zip(frames, _rows(self._pose), _rows(self._twist), strict=True)
+        return [
+            b"".join((head, _odometry_frames(frame), pose, _NO_COVARIANCE, twist, _NO_COVARIANCE))
+            for frame, pose, twist in rows
+        ]
 
-    def pose_payload(self, stamp_ns: int, row: int) -> bytes:
-        """Encode `pose`."""
-        pose = self._poses[row]
-        if 0.0 in pose:  # a zero is not sent, which changes the layout
-            encoded: bytes = self.pose(stamp_ns, row).encode()
-            return encoded
-        return b"".join((_timestamp(stamp_ns), _POSE_START, _placed(_POSITION, _ORIENTATION, pose)))
+    def pose_payloads(self, stamp_ns: int) -> list[bytes]:
+        """Encode `pose` of each vessel."""
+        head = _timestamp(stamp_ns) + _POSE_START
+        return [
+            # A zero is not sent, which changes the layout
+            self.pose(stamp_ns, row).encode() if 0.0 in pose else head + _placed(_POSITION, _ORIENTATION, pose)
+            for row, pose in enumerate(self._poses)
+        ]
 
-    def transform_payload(self, stamp_ns: int, row: int, frame: str) -> bytes:
-        """Encode `transform`."""
-        pose = self._poses[row]
-        if 0.0 in pose:
-            encoded: bytes = self.transform(stamp_ns, row, frame).encode()
-            return encoded
-        start, names = _timestamp(stamp_ns), _transform_names(frame)
-        length = _varint(len(start) + len(names) + _PLACE.size)
-        return b"".join((b"\x0a", length, start, names, _placed(_TRANSLATION, _ROTATION, pose)))
+    def transform_payloads(self, stamp_ns: int, frames: Sequence[str]) -> list[bytes]:
+        """Encode `transform` of each vessel, for the frames of these names."""
+        payloads = []
+        for row, (pose, frame) in enumerate(zip(self._poses, frames, strict=True)):
+            if 0.0 in pose:
+                payloads.append(self.transform(stamp_ns, row, frame).encode())
+                continue
+            start, names = _timestamp(stamp_ns), _transform_names(frame)
+            length = _varint(len(start) + len(names) + _PLACE.size)
+            payloads.append(b"".join((b"\x0a", length, start, names, _placed(_TRANSLATION, _ROTATION, pose))))
+        return payloads
+
+
+def _rows(values: Array) -> list[bytes]:
+    """Return the bytes of each row of an array (N, K)."""
+    data, size = values.tobytes(), values.itemsize * values.shape[1]
+    return [data[start : start + size] for start in range(0, len(data), size)] if size else [b""] * len(values)
 
 
 @cache

@@ -187,7 +187,7 @@ class ControllerGuard:
         self._used = True
         try:
             answer = self._controller.control(order, estimate, dt_s)
-            values = tuple(answer) if isinstance(answer, Motors) else Demand(*answer)
+            values = answer if isinstance(answer, (Motors, Demand)) else Demand(*answer)
             finite = all(math.isfinite(value) for value in values if value is not None)
         except Exception as error:  # noqa: BLE001  a user's code
             self._fail(_sentence(error))
@@ -195,15 +195,15 @@ class ControllerGuard:
         if not finite:
             self._fail(f"it returned {', '.join(map(str, values))}")
             return STILL
-        if isinstance(answer, Motors) and len(answer) != commands:
-            self._fail(f"it returned {len(answer)} commands, but the vessel takes {commands}")
+        if isinstance(values, Motors) and len(values) != commands:
+            self._fail(f"it returned {len(values)} commands, but the vessel takes {commands}")
             return STILL
         if self._failing:
             self._failing = False
             self._events.add(NOTICE, "Controller works again")
-        if isinstance(answer, Motors):
-            return Motors(*map(_limited, answer))
-        thrust, steering, lateral = answer if len(answer) == 3 else (*answer, None)
+        if isinstance(values, Motors):
+            return Motors(*map(_limited, values))
+        thrust, steering, lateral = values
         return Demand(_limited(thrust), _limited(steering), None if lateral is None else _limited(lateral))
 
     def _call(self, method: str) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import errno
 import resource
 import signal
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.data_stream import ReadDataStream
@@ -15,7 +17,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from xitl_cli.errors import UserError
 from xitl_cli.record import mcap_file
-from xitl_cli.record.mcap_file import APART_BYTES, CHUNK_BYTES, McapFile
+from xitl_cli.record.mcap_file import APART_BYTES, CHUNK_BYTES, McapFile, SplitLimits
 from xitl_cli.record.mcap_writer import ChunkWriter
 
 Found = list[tuple[int, int]]
@@ -119,3 +121,37 @@ def test_a_disk_that_fills_up_within_a_second_leaves_the_chunks_that_it_took(tmp
         list(range(10)),
         list(range(10, 20)),
     ]
+
+
+class Shown:
+    """A mirror that keeps the payloads of a topic."""
+
+    def __init__(self) -> None:
+        self.payloads: list[bytes] = []
+
+    def open_channel(self, topic: str, *described: object) -> Callable[[bytes, int], object] | None:
+        return (lambda payload, stamp_ns: self.payloads.append(payload)) if topic == "/second" else None
+
+
+@pytest.mark.parametrize("options", [{}, {"mirrors": True}, {"split": SplitLimits(message_bytes=150)}])
+def test_payloads_written_together_make_the_same_file_as_one_by_one(tmp_path: Path, options: dict[str, Any]) -> None:
+    shown = Shown(), Shown()
+    for folder, mirror in zip(("together", "single"), shown, strict=True):
+        mirrors = {"mirrors": (mirror,)} if options.get("mirrors") else {}
+        (tmp_path / folder).mkdir()
+        file = McapFile(tmp_path / folder / "run.mcap", **{**options, **mirrors})
+        writers = [file.ros_channel(name, "t/msg/X", "uint8[] x") for name in ("/first", "/second")]
+        write = file.joined_writer(writers)
+        for stamp_ns in range(5):
+            payloads = [bytes([stamp_ns] * size) for size in (10, 20)]
+            if folder == "together":
+                write(payloads, stamp_ns)
+            else:
+                for one, payload in zip(writers, payloads, strict=True):
+                    one(payload, stamp_ns)
+        file.close()
+    files = [sorted((tmp_path / folder).iterdir()) for folder in ("together", "single")]
+    assert [path.read_bytes() for path in files[0]] == [path.read_bytes() for path in files[1]]
+    assert len(files[0]) == (4 if "split" in options else 1)  # three records have 133 or 143 bytes
+    assert len(shown[0].payloads) == (5 if "mirrors" in options else 0)
+    assert shown[0].payloads == shown[1].payloads

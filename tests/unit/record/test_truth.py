@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from sim_core.frames import quat_normalize, quat_to_matrix
 from sim_core.kinematics import Kinematics
-from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.mcap_file import McapFile
+from xitl_cli.record.recorder import Recorder, TruthWriter
 from xitl_cli.record.topics import TOPICS
 from xitl_cli.record.truth import ODOMETRY, POSE, STATE, TRANSFORM, TruthTable
 
@@ -36,24 +38,25 @@ def test_payloads_are_those_of_the_encoders(stamp_ns: int, actuators: int, frame
     for moving in (motion(3), at_rest_in_the_origin()):
         vessels = len(moving.pos_ned_m)
         table = TruthTable(moving, np.random.default_rng(2).standard_normal((vessels, actuators)))
-        for row in range(vessels):
-            state, odometry = (TOPICS[topic].message_type().encode for topic in (STATE, ODOMETRY))
-            assert table.state_payload(stamp_ns, row) == state(stamp_ns, *table.state(row))
-            assert table.odometry_payload(stamp_ns, row, frame) == odometry(stamp_ns, *table.odometry(row, frame))
-            assert table.pose_payload(stamp_ns, row) == table.pose(stamp_ns, row).encode()
-            transform = table.transform(stamp_ns, row, frame).encode()
-            assert table.transform_payload(stamp_ns, row, frame) == transform
+        rows, frames = range(vessels), [frame] * vessels
+        state, odometry = (TOPICS[topic].message_type().encode for topic in (STATE, ODOMETRY))
+        assert table.state_payloads(stamp_ns) == [state(stamp_ns, *table.state(row)) for row in rows]
+        expected = [odometry(stamp_ns, *table.odometry(row, frame)) for row in rows]
+        assert table.odometry_payloads(stamp_ns, frames) == expected
+        assert table.pose_payloads(stamp_ns) == [table.pose(stamp_ns, row).encode() for row in rows]
+        expected = [table.transform(stamp_ns, row, frame).encode() for row in rows]
+        assert table.transform_payloads(stamp_ns, frames) == expected
 
 
 def test_vessels_together_have_the_values_of_each_alone() -> None:
     together, rotor = motion(40), np.zeros((40, 2))
-    table = TruthTable(together, rotor)
+    table, frames = TruthTable(together, rotor), ["base_link"] * 40
     for row in range(40):
         own = slice(row, row + 1)
         alone = TruthTable(Kinematics(*(getattr(together, name)[own] for name in Kinematics.__slots__)), rotor[own])
-        assert table.state_payload(5, row) == alone.state_payload(5, 0)
-        assert table.odometry_payload(5, row, "base_link") == alone.odometry_payload(5, 0, "base_link")
-        assert table.pose_payload(5, row) == alone.pose_payload(5, 0)
+        assert table.state_payloads(5)[row] == alone.state_payloads(5)[0]
+        assert table.odometry_payloads(5, frames)[row] == alone.odometry_payloads(5, frames[:1])[0]
+        assert table.pose_payloads(5)[row] == alone.pose_payloads(5)[0]
 
 
 def test_who_watches_gets_values_and_the_recording_is_the_same(tmp_path: Path) -> None:
@@ -68,6 +71,26 @@ def test_who_watches_gets_values_and_the_recording_is_the_same(tmp_path: Path) -
     assert seen[STATE][-1] == [0.25, -0.5]
     assert seen[ODOMETRY][:2] == ("map", "base_link")
     table = TruthTable(motion(1), np.zeros((1, 2)))
-    assert seen[POSE][0].encode() == table.pose_payload(7_000_000_000, 0)
-    assert seen[TRANSFORM][0].encode() == table.transform_payload(7_000_000_000, 0, "base_link")
+    assert seen[POSE][0].encode() == table.pose_payloads(7_000_000_000)[0]
+    assert seen[TRANSFORM][0].encode() == table.transform_payloads(7_000_000_000, ["base_link"])[0]
     assert (tmp_path / "plain.mcap").read_bytes() == (tmp_path / "watched.mcap").read_bytes()
+
+
+def test_vessels_of_several_models_are_written_in_their_order(tmp_path: Path) -> None:
+    """The first and the third vessel are rows of one table, the second is a row of another."""
+    file, rows = McapFile(tmp_path / "run.mcap", "none"), [(0, 0), (1, 0), (0, 1)]
+    recorders = [Recorder(file, vessel=name) for name in ("a", "b", "c")]
+    tables = [TruthTable(motion(2, seed=1), np.zeros((2, 2))), TruthTable(motion(1, seed=2), np.zeros((1, 4)))]
+    TruthWriter(recorders, rows).write(5, tables)
+    file.close()
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        messages = [(channel.topic, message.data) for _, channel, message in make_reader(stream).iter_messages()]
+    expected = [
+        tables[table].transform_payloads(5, [f"{name}/base_link"] * (2 - table))[row]
+        for name, (table, row) in zip("abc", rows, strict=True)
+    ]
+    assert [data for topic, data in messages if topic == TRANSFORM] == expected
+    states = {topic: data for topic, data in messages if topic.endswith(STATE)}
+    assert states == {
+        f"/{name}{STATE}": tables[table].state_payloads(5)[row] for name, (table, row) in zip("abc", rows, strict=True)
+    }

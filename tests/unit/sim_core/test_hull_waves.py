@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from vessels import BARE, FULL
 
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
-from sim_core.environment.waves import FlatWater, HullSurface, realise_waves
+from sim_core.environment.waves import FlatWater, HullSurface, ladder, realise_waves
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.buoyancy import make_buoyancy
 from sim_core.vessel.spec import Damping
@@ -27,8 +28,23 @@ ROT = Rotation.from_euler("ZYX", RNG.uniform(-1.0, 1.0, (40, 3)) * [3.1, 0.3, 0.
 SURFACE = FIELD.at_hull(POINTS).sample(TIME_S, POS, ROT)
 PLACES = (POS[:, None, :] + POINTS @ ROT.transpose(0, 2, 1))[:, :, :2]
 
-# Single precision: 2^-23 of a phase of up to 10 rad and of the sum, on amplitudes that add to about 3 Hs.
-TOLERANCE = 3e-6 * HS_M
+# Rounding: 2^-52 of a phase of up to 1e4 rad at these places and times, on amplitudes that add to about 3 Hs.
+TOLERANCE = 1e-11 * HS_M
+
+
+def test_equal_steps_between_points_need_the_cosines_of_one_step() -> None:
+    rungs, steps_m = ladder(POINTS)
+    assert len(rungs[0].points) + len(steps_m) == 3  # one end of each of the two hulls, and the step along a hull
+    assert sorted(point for rung in rungs for point in rung.points) == list(range(12))
+    for before, rung in pairwise(rungs):
+        places_m = POINTS[[before.points[base] for base in rung.bases]] + steps_m[rung.steps]
+        np.testing.assert_allclose(POINTS[rung.points], places_m, atol=1e-12)
+
+
+def test_points_without_equal_steps_each_need_their_cosines() -> None:
+    rungs, steps_m = ladder(np.random.default_rng(1).uniform(-1.0, 1.0, (12, 3)))
+    assert [rung.points for rung in rungs] == [list(range(12))]
+    assert not len(steps_m)
 
 
 def test_elevation_at_the_strips_is_the_sum_of_cosines() -> None:

@@ -32,7 +32,7 @@ from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.mission import MissionNode, TrackNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.plugin_nodes import PluginNode, driver_of
-from xitl_cli.run.nodes.recorders import LinkRecorder, SensorRecorder, TruthRecorder
+from xitl_cli.run.nodes.recorders import CommandRecorder, LinkRecorder, SensorRecorder
 from xitl_cli.run.traffic.self_report import report_from_motion
 from xitl_cli.run.world.world import local_frame
 
@@ -325,9 +325,9 @@ def status(
     return StatusSource(setup.profile, setup.plant, control, mission.score, agents.all, in_force)
 
 
-@part(Place.TRUTH, edges=(("PS1", "M"),))
-def truth(setup: VesselSetup, control: ControlNode) -> TruthRecorder:
-    return TruthRecorder(setup.profile, control, setup.plant)
+@part(Place.COMMANDS, edges=(("PS1", "M"),))
+def commands(setup: VesselSetup, control: ControlNode) -> CommandRecorder:
+    return CommandRecorder(setup.profile, control)
 
 
 @part(Place.MODEL_RANGE)
@@ -370,7 +370,7 @@ VESSEL_PARTS = (
     sensors,
     ros_companion,
     status,
-    truth,
+    commands,
     model_range,
     track,
     live_vessel,

@@ -13,7 +13,7 @@ from xitl_cli.run.composition.parts import Need, Part, Parts, Place, made_parts,
 from xitl_cli.run.composition.setup import RunSetup
 from xitl_cli.run.core.node import ControlNode, RunNode
 from xitl_cli.run.nodes.display import DisplayNode, StatusSource
-from xitl_cli.run.nodes.recorders import PaceRecorder, ScriptedRecorder
+from xitl_cli.run.nodes.recorders import CommandRecorder, PaceRecorder, ScriptedRecorder, TruthRecorder
 from xitl_cli.run.nodes.stations import StationAddresses
 from xitl_cli.run.traffic.self_report import SelfReport, report_from_motion
 from xitl_cli.run.world.plant import Plant
@@ -85,6 +85,11 @@ def operator(setup: RunSetup, vessels: AllVessels, river: RiverNode) -> Operator
     return node
 
 
+@part(Place.TRUTH)
+def truth(setup: RunSetup, vessels: AllVessels) -> TruthRecorder:
+    return TruthRecorder(setup.profile, list(vessels.having(CommandRecorder).values()), setup.plant)
+
+
 @part(Place.SCRIPTED_VESSELS, when=RunSetup.has_traffic)
 def scripted_vessels(setup: RunSetup) -> ScriptedRecorder:
     clock, recording = setup.profile.clock, setup.profile.recording
@@ -127,7 +132,7 @@ def stations(setup: RunSetup) -> StationAddresses:
     return setup.stations
 
 
-WORLD_PARTS = (display, river, operator, scripted_vessels, ais, encounters, tide, pace, stations)
+WORLD_PARTS = (display, river, operator, truth, scripted_vessels, ais, encounters, tide, pace, stations)
 
 
 def _live_part(node: RunNode) -> Part:

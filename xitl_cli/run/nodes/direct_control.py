@@ -144,11 +144,11 @@ class DirectController:
 
 def true_estimate(sim_ns: int, motion: Kinematics) -> StateEstimate:
     """Return the estimate of an estimator without errors."""
-    rotation = motion.rot_ned_frd[0].tolist()
-    w, x, y, z = motion.quat_ned_frd[0].tolist()
-    p, q, r = motion.gyro_frd_radps[0].tolist()
-    north_m, east_m, down_m = motion.pos_ned_m[0].tolist()
-    vn, ve, vd = motion.vel_ned_mps[0].tolist()
+    rotation = motion.rot_ned_frd.tolist()[0]
+    w, x, y, z = motion.quat_ned_frd.tolist()[0]
+    p, q, r = motion.gyro_frd_radps.tolist()[0]
+    north_m, east_m, down_m = motion.pos_ned_m.tolist()[0]
+    vn, ve, vd = motion.vel_ned_mps.tolist()[0]
     return StateEstimate(
         sim_ns,
         (w, x, y, z),

@@ -26,6 +26,7 @@ from xitl_cli.run.world.plant import Plant
 RISK_DISTANCES = 3.0  # of the encounter distance: a predicted approach nearer than that is a risk
 RISK_S = 120.0  # if it is not later than that
 LEAST_CLOSING_MPS = 0.2  # a slower approach is none, because vessels that keep station sway
+_ROUNDING_M = 1e-9  # of a hull distance
 PLOTTING_S = 3.0  # time for which it must hold, because bearings are watched for a while (rule 7)
 
 EncounterEvent = Literal["begins", "too close", "passes"]
@@ -137,6 +138,8 @@ class EncounterWatch:
         self._reach_m = hulls.reach_m[self.first] + hulls.reach_m[self.second]
         self._distance_m, self._at_s = np.full(count, math.inf), np.zeros(count)
         self._hull_m, self._hull_at_s = np.full(count, math.inf), np.zeros(count)
+        self._least_hull_m = np.zeros(count)
+        """The hulls were not nearer than that at the latest update."""
         self._risk_since_s = np.full(count, math.inf)
         self._under_way = np.zeros(count, dtype=bool_)  # an encounter that is not over
         self._near = np.zeros(count, dtype=bool_)
@@ -164,7 +167,10 @@ class EncounterWatch:
         nearest_m, nearest_s = np.sqrt(np.vecdot(nearest, nearest)), before_s + share * (now_s - before_s)
         closer = nearest_m < self._distance_m
         self._distance_m[closer], self._at_s[closer] = nearest_m[closer], nearest_s[closer]
-        self._update_hulls(nearest_m, nearest_s, share, (before_m, pos_ne_m), (before_rad, yaw_rad))
+        turn_rad = np.remainder(yaw_rad - before_rad + np.pi, 2.0 * np.pi) - np.pi
+        swing_m = self._hulls.reach_m * np.abs(turn_rad)
+        change_m = np.sqrt(square) + swing_m[i] + swing_m[j]
+        self._update_hulls(nearest_m, nearest_s, share, change_m, (before_m, pos_ne_m), (before_rad, turn_rad))
 
         # Risk of collision, with constant velocities.
         speed2 = np.vecdot(rate_mps, rate_mps)
@@ -221,22 +227,32 @@ class EncounterWatch:
         return [] if self._last is None else [self.approach(pair) for pair in range(len(self.first))]
 
     def _update_hulls(
-        self, nearest_m: Array, nearest_s: Array, share: Array, places: tuple[Array, Array], yaws: tuple[Array, Array]
+        self,
+        nearest_m: Array,
+        nearest_s: Array,
+        share: Array,
+        change_m: Array,
+        places: tuple[Array, Array],
+        turns: tuple[Array, Array],
     ) -> None:
-        """Compute hull distances only for pairs that can be nearer than before."""
-        pairs = np.flatnonzero(nearest_m - self._reach_m < self._hull_m)
+        """Compute hull distances only for pairs that can be nearer than before.
+
+        change_m: most that a hull distance can have changed since the last update. turns: yaw then, and change of it.
+        """
+        self._least_hull_m -= change_m + _ROUNDING_M
+        pairs = np.flatnonzero((nearest_m - self._reach_m < self._hull_m) & (self._least_hull_m < self._hull_m))
         if not len(pairs):
             return
         first, second, part = self.first[pairs], self.second[pairs], share[pairs]
-        turn = np.remainder(yaws[1] - yaws[0] + np.pi, 2.0 * np.pi) - np.pi
         where = [
             (
                 places[0][numbers] + part[:, None] * (places[1][numbers] - places[0][numbers]),
-                yaws[0][numbers] + part * turn[numbers],
+                turns[0][numbers] + part * turns[1][numbers],
             )
             for numbers in (first, second)
         ]
         hull_m = self._hulls.distance_m(first, second, (where[0][0], where[1][0]), (where[0][1], where[1][1]))
+        self._least_hull_m[pairs] = hull_m - change_m[pairs]
         nearer = hull_m < self._hull_m[pairs]
         self._hull_m[pairs[nearer]], self._hull_at_s[pairs[nearer]] = hull_m[nearer], nearest_s[pairs[nearer]]
 

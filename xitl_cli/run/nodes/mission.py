@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.core.scores import MissionScore, Point
@@ -29,12 +31,12 @@ class MissionNode(RunNode):
     def exchange(self, step: RunStep) -> None:
         progress, score = self._control.progress, self.score
         if progress.waypoints is not None and score.follow(progress.waypoints) and progress.waypoints:
-            north, east, _ = step.motion.pos_ned_m[0].tolist()
+            north, east, _ = step.motion.pos_ned_m.tolist()[0]
             self.others = ((north, east), *progress.waypoints)
             if self._profile.recording.scene:
                 self._recorder.scene(make_mission_scene(self._profile, self.others), step.now_ns)
         if progress.target is not None:
-            north, east, _ = step.motion.pos_ned_m[0].tolist()
+            north, east, _ = step.motion.pos_ned_m.tolist()[0]
             score.add((north, east), progress.target, progress.reached)
         else:
             score.reached = max(score.reached, progress.reached)
@@ -52,14 +54,14 @@ class TrackNode(RunNode):
         self._place: tuple[float, float] | None = None
         self._path_m = 0.0
         self._speed_mps = self._most_mps = 0.0
-        self._heading_deg = 0.0
+        self._rot_ned_frd = np.eye(3)
         self._first_ns = self._now_ns = 0
 
     def exchange(self, step: RunStep) -> None:
         motion = step.motion
-        north_m, east_m, _ = motion.pos_ned_m[0].tolist()
-        north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
-        rotation = motion.rot_ned_frd[0]
+        north_m, east_m, _ = motion.pos_ned_m.tolist()[0]
+        north_mps, east_mps, _ = motion.vel_ned_mps.tolist()[0]
+        self._rot_ned_frd = motion.rot_ned_frd[0]
         if self._place is None or step.held:
             self._first_ns = step.now_ns
         else:
@@ -67,19 +69,19 @@ class TrackNode(RunNode):
         self._place, self._now_ns = (north_m, east_m), step.now_ns
         self._speed_mps = math.hypot(north_mps, east_mps)
         self._most_mps = max(self._most_mps, self._speed_mps)
-        self._heading_deg = math.degrees(math.atan2(rotation[1, 0], rotation[0, 0])) % 360.0
 
     def report(self) -> dict[str, Any]:
         """Return `track`: mode, place, heading and speed at the end; path and speeds over ground of the whole run."""
         progress, length_s = self._control.progress, (self._now_ns - self._first_ns) * 1e-9
         north_m, east_m = self._place or (None, None)
+        forward_ned = self._rot_ned_frd[:, 0]
         return {
             "track": {
                 "mode": progress.mode,
                 "armed": progress.armed,
                 "north_m": north_m,
                 "east_m": east_m,
-                "heading_deg": self._heading_deg,
+                "heading_deg": math.degrees(math.atan2(forward_ned[1], forward_ned[0])) % 360.0,
                 "speed_mps": self._speed_mps,
                 "path_m": self._path_m,
                 "speed_mean_mps": self._path_m / length_s if length_s > 0.0 else None,

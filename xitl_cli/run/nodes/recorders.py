@@ -17,14 +17,14 @@ from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel.battery import COULOMB_PER_AH
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
-from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.recorder import Recorder, TruthWriter
 from xitl_cli.record.topics import ActuatorAge, BatteryMessage
 from xitl_cli.record.truth import TruthTable
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep, SimulationClock
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
 from xitl_cli.run.sensors.sensing import make_sensing
-from xitl_cli.run.world.plant import PlantView
+from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scene import make_scripted_scene
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.seeds import Seeds
@@ -39,35 +39,44 @@ TASK_RATE_HZ = 1.0
 LINKS_RATE_HZ = 1.0
 
 
-class TruthRecorder(RunNode):
-    """Records motor commands, the vessel's true state and its environment."""
+class CommandRecorder(RunNode):
+    """Records the motor commands of a vessel. recorder: of the vessel, once the run has begun."""
 
-    def __init__(self, profile: RunProfile, control: ControlNode, plant: PlantView) -> None:
-        self._plant = plant
-        rate_hz = profile.clock.physics_rate_hz
+    def __init__(self, profile: RunProfile, control: ControlNode) -> None:
         self._control = control
         self._names = ", ".join(profile.vehicle.command_names)
+
+    def begin(self, context: RunContext) -> None:
+        self.recorder = context.recorder
+
+    def exchange(self, step: RunStep) -> None:
+        self.recorder.actuators(step.now_ns, self._control.command, self._names)
+
+
+class TruthRecorder(RunNode):
+    """Records the true states of all vessels, and their environment. vessels: in the order of the plant."""
+
+    def __init__(self, profile: RunProfile, vessels: Sequence[CommandRecorder], plant: Plant) -> None:
+        self._plant = plant
+        self._vessels = vessels
+        rate_hz = profile.clock.physics_rate_hz
         self._around = _around_in(local_frame(profile.site))
         self._every_truth = round(rate_hz / profile.recording.truth_rate_hz)
         self._every_environment = round(rate_hz / ENVIRONMENT_RATE_HZ)
         self.record_every = math.gcd(self._every_truth, self._every_environment)
 
     def begin(self, context: RunContext) -> None:
-        self._recorder = context.recorder
-
-    def exchange(self, step: RunStep) -> None:
-        self._recorder.actuators(step.now_ns, self._control.command, self._names)
+        self._recorders = [vessel.recorder for vessel in self._vessels]
+        self._truth = TruthWriter(self._recorders, self._plant.rows)
 
     def record(self, step: RunStep) -> None:
-        number, now_ns, recorder = step.number, step.now_ns, self._recorder
+        number, now_ns = step.number, step.now_ns
         if number % self._every_truth == 0:
-            recorder.truth_row(now_ns, *self._plant.derived(_truth_of))
+            self._truth.write(now_ns, self._plant.derived_of_models(_truth_of))
         if number % self._every_environment == 0:
-            around, row = self._plant.derived(self._around)
-            recorder.environment(now_ns, around.current_ned_mps[row], around.wind_ned_mps[row], around.surface_m[row])
-            recorder.fix(now_ns, *around.geodetic[row])
-            if around.battery is not None:
-                recorder.write(now_ns, BatteryMessage(*around.battery[row]))
+            models = self._plant.derived_of_models(self._around)
+            for recorder, (model, row) in zip(self._recorders, self._plant.rows, strict=True):
+                _record_around(recorder, now_ns, models[model], row)
 
 
 class _Around(NamedTuple):
@@ -79,6 +88,13 @@ class _Around(NamedTuple):
     geodetic: list[tuple[float, float, float]]
     battery: list[tuple[float, float, float]] | None
     """Voltage in V, current in A and used charge in Ah; None for a model without a battery."""
+
+
+def _record_around(recorder: Recorder, now_ns: int, around: _Around, row: int) -> None:
+    recorder.environment(now_ns, around.current_ned_mps[row], around.wind_ned_mps[row], around.surface_m[row])
+    recorder.fix(now_ns, *around.geodetic[row])
+    if around.battery is not None:
+        recorder.write(now_ns, BatteryMessage(*around.battery[row]))
 
 
 def _truth_of(simulation: Simulation, state: SimulationState) -> TruthTable:
@@ -214,10 +230,9 @@ class ScriptedRecorder(RunNode):
         self._vessels, self._tide = fleet.traffic, fleet.environment.tide
         self.record_every = round(physics_rate_hz / truth_rate_hz)
         self._drawn = drawn
-        self._recorders: list[Recorder] = []
 
     def begin(self, context: RunContext) -> None:
-        self._recorders = [context.recorder.of_vessel(vessel.name) for vessel in self._vessels]
+        self._truth = TruthWriter([context.recorder.of_vessel(vessel.name) for vessel in self._vessels])
         if self._drawn:
             context.recorder.scene(make_scripted_scene(self._vessels))
 
@@ -226,6 +241,4 @@ class ScriptedRecorder(RunNode):
 
         now_s = step.now_ns * 1e-9
         motion = scripted_motion(self._vessels, now_s, self._tide.height_m(now_s))
-        table = TruthTable(motion, np.empty((len(self._vessels), 0)))
-        for row, recorder in enumerate(self._recorders):
-            recorder.truth_row(step.now_ns, table, row)
+        self._truth.write(step.now_ns, [TruthTable(motion, np.empty((len(self._vessels), 0)))])

@@ -58,6 +58,11 @@ class Plant:
         assert isinstance(self.simulation, Fleet)
         return self.simulation
 
+    @property
+    def rows(self) -> Sequence[tuple[int, int]]:
+        """For each vessel, the number of its model and its row there."""
+        return self._rows
+
     def advance(self, commands: Sequence[Any], max_steps: int = 1) -> SimulationState | FleetState:
         """Advance one physics step with motor commands (C,) from -1 to 1 by vessel.
 
@@ -110,18 +115,25 @@ class Plant:
 
         It is computed once for a state, whichever vessel asks first.
         """
-        state = self.state
+        model, row = self._rows[number]
+        return self._derived_of(model, derive), row
+
+    def derived_of_models(self, derive: Callable[[Simulation, SimulationState], T]) -> list[T]:
+        """Return `derived` of each model."""
+        models = 1 if self.fleet is None else len(self.fleet.batches)
+        return [self._derived_of(model, derive) for model in range(models)]
+
+    def _derived_of(self, model: int, derive: Callable[[Simulation, SimulationState], T]) -> T:
+        simulation, state = self.simulation, self.state
         if state is not self._derived_from:
             self._derived_from = state
             self._derived.clear()
-        batch, row = self._rows[number]
-        derived: T | None = self._derived.get((derive, batch))
+        derived: T | None = self._derived.get((derive, model))
         if derived is None:
-            simulation = self.simulation
-            of_model = simulation.batches[batch] if isinstance(simulation, Fleet) else simulation
-            together = state if isinstance(state, SimulationState) else state.batches[batch]
-            derived = self._derived[derive, batch] = derive(of_model, together)
-        return derived, row
+            of_model = simulation.batches[model] if isinstance(simulation, Fleet) else simulation
+            together = state if isinstance(state, SimulationState) else state.batches[model]
+            derived = self._derived[derive, model] = derive(of_model, together)
+        return derived
 
     def shared(self, number: int, key: Hashable, make: Callable[[], T]) -> tuple[T, int]:
         """Return an object that the vessels of this one's model share under a key, and the row of this vessel."""
