@@ -507,18 +507,8 @@ def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:
         "slope": np.stack([*common, np.maximum(line, 0.0)], axis=1),
         "step": np.stack([*common, (line > 0.0).astype(np.float64)], axis=1),
     }
-    weights = np.linalg.pinv(designs["slope"])[2]
-    time_s, straight = np.arange(len(apart)) / _SLOPE_RATE_HZ, apart
-    changes: dict[int, float] = {}
-    while True:
-        slope = np.correlate(straight, weights, mode="valid")
-        largest = int(np.argmax(np.abs(slope)))
-        if abs(slope[largest]) < GYRO_STEP_RADPS or len(changes) == _MOST_CHANGES_OF_SLOPE:
-            break
-        row = half + largest
-        changes[row] = changes.get(row, 0.0) + float(slope[largest])
-        straight = straight - slope[largest] * np.maximum(time_s - time_s[row], 0.0)
-    limit = max(GYRO_STEP_RADPS, _NOISE_FACTOR * float(np.median(np.abs(slope))))
+    changes, unexplained = _changes_of_slope(apart, np.linalg.pinv(designs["slope"])[2])
+    limit = max(GYRO_STEP_RADPS, _NOISE_FACTOR * float(np.median(np.abs(unexplained))))
     rows, sizes = [], []
     for row, size in sorted(changes.items()):
         around = apart[row - half : row + half]
@@ -530,6 +520,35 @@ def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:
             rows.append(row)
             sizes.append(size)
     return rows, sizes
+
+
+def _changes_of_slope(apart: Floats, weights: Floats) -> tuple[dict[int, float], Floats]:
+    """Return the changes (rad/s) of the slope of an angle (N,) by row, and the part of the slopes that they leave.
+
+    weights: (2 H,) that give the change of the slope in the middle of as many rows. By orthogonal matching pursuit
+    (Pati, Rezaiifar and Krishnaprasad 1993): after each new change, all sizes are fitted anew.
+    """
+    half, apart_rows = len(weights) // 2, round(_SLOPE_RATE_HZ)
+    ramp = np.maximum(np.arange(1 - 2 * half, 2 * half), 0.0) / _SLOPE_RATE_HZ
+    response = np.correlate(ramp, weights, mode="valid")
+    slope = np.correlate(apart, weights, mode="valid")
+    unexplained, free = slope, np.ones(len(slope), dtype=np.bool_)
+    places: list[int] = []
+    sizes = np.zeros(0)
+    while len(places) < _MOST_CHANGES_OF_SLOPE:
+        place = int(np.argmax(np.abs(unexplained) * free))
+        if not free[place] or abs(unexplained[place]) < GYRO_STEP_RADPS:
+            break
+        places.append(place)
+        free[max(place - apart_rows, 0) : place + apart_rows + 1] = False
+        near = np.unique(np.clip(np.add.outer(places, np.arange(-half, half + 1)), 0, len(slope) - 1))
+        offset = near[:, None] - np.array(places) + half - 1
+        inside = (offset >= 0) & (offset < len(response))
+        of_changes = np.where(inside, response[np.clip(offset, 0, len(response) - 1)], 0.0)
+        sizes = np.linalg.lstsq(of_changes, slope[near], rcond=None)[0]
+        unexplained = slope.copy()
+        unexplained[near] -= of_changes @ sizes
+    return {half + place: float(size) for place, size in zip(places, sizes, strict=True)}, unexplained
 
 
 def _rest(values: Floats, design: Floats) -> float:
