@@ -126,6 +126,18 @@ def test_a_bias_of_the_gyroscope_is_found_in_a_log_of_a_minute() -> None:
     assert np.degrees(step.size[2]) == pytest.approx(2.5, abs=0.3)
 
 
+@pytest.mark.parametrize("seed", [1, 10, 11, 16, 17])
+def test_a_short_log_of_a_roll_that_wanders_is_judged_to_its_end(seed: int) -> None:
+    """The corrections of one change after the other grew without end."""
+    whole, roll = unit(), level()
+    wandering = np.cumsum(np.random.default_rng(seed).normal(0.0, 10.0 + seed, len(roll.values)))
+    rows = whole.stamp_ns < (48.5 + seed % 7) * S
+    assert whole.gyro_radps is not None
+    short = replace(whole, stamp_ns=whole.stamp_ns[rows], gyro_radps=whole.gyro_radps[rows])
+    for step in gyro_steps(short, replace(roll, values=wandering), level(), None):
+        assert np.isfinite(step.size).all()
+
+
 def test_interference_of_the_compass_is_no_bias_of_the_gyroscope() -> None:
     off = compass((30.0, 66.5, 0.0), 60.0, 80.0)
     assert gyro_steps(unit(), level(), level(), off, field_steps(rotations(unit()), off)) == []
