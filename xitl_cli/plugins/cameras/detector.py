@@ -138,9 +138,10 @@ class ColourDetector:
         orange = cv2.dilate(cv2.erode(mask.astype(uint8), square, anchor=(0, 0)), square, anchor=(1, 1))
         found = []
         for left in range(0, orange.shape[1], SLICE_PX):
-            count, _, stats, _ = cv2.connectedComponentsWithStats(orange[:, left : left + SLICE_PX])
-            if count < 2:
+            piece = orange[:, left : left + SLICE_PX]
+            if not piece.any():
                 continue
+            _, _, stats, _ = cv2.connectedComponentsWithStats(piece)
             # Smaller pieces of a slice are mirror images.
             x, y, width, height, area = max(stats[1:].tolist(), key=lambda one: one[4])
             if area >= LEAST_PX:
@@ -155,10 +156,9 @@ class ColourDetector:
         if rows - open_row < 20:
             return []
         below = np.arange(rows)[:, None] >= line + SHORE_PX
-        chroma = np.hypot(lab[..., 1] - 128.0, lab[..., 2] - 128.0)
-        hue_deg = np.degrees(np.arctan2(lab[..., 2] - 128.0, lab[..., 1] - 128.0)) % 360.0
+        chroma, hue_deg = cv2.cartToPolar(lab[..., 1] - 128.0, lab[..., 2] - 128.0, angleInDegrees=True)
         vivid = (chroma > VIVID) & (np.arange(rows)[:, None] >= line - HIGHEST_PX)
-        paints = [vivid & ((hue_deg - low) % 360.0 < high - low) for low, high in HUES_DEG]
+        paints = [vivid & _is_between(hue_deg, low, high) for low, high in HUES_DEG]
         brightest = float(np.percentile(lab[open_row:, :, 0], 90.0))
         pale = (chroma < PALE) & (lab[..., 0] > max(BRIGHT, BRIGHTER * brightest)) & below
         found: list[Detection] = []
@@ -200,10 +200,16 @@ ORANGE = 0.95
 """Least ratio of yellow to red of the floats of a boom."""
 VIVID, PALE, BRIGHT, BRIGHTER = 28.0, 14.0, 150.0, 1.1
 """In OpenCV's CIELAB: chroma of paint, and of white; lightness of white, also as a multiple of bright water."""
-HUES_DEG = (-40.0, 45.0), (70.0, 101.0), (135.0, 200.0), (200.0, 320.0)
+HUES_DEG = (320.0, 45.0), (70.0, 101.0), (135.0, 200.0), (200.0, 320.0)
 """Of red, yellow, green and blue paint. Grass and leaves are between yellow and green."""
 SIMILAR, HIGHEST_SHARE, HIGHEST_PX = 22.0, 1.0, 80.0
 """Largest difference of colour within an object; how much higher than wide it may be; how far above the horizon."""
+
+
+def _is_between(hue_deg: Any, low_deg: float, high_deg: float) -> Any:
+    """Return whether hues from 0 to 360 are between two others, clockwise from the first."""
+    above, below = hue_deg >= low_deg, hue_deg < high_deg
+    return above & below if low_deg < high_deg else above | below
 
 
 def _lab(image: NDArray[uint8]) -> NDArray[float32]:
@@ -217,6 +223,8 @@ def _objects(
 
     strength: (H, W), less in a mirror image than in its object. taken: boxes of other objects.
     """
+    if not mask.any():
+        return
     joined = cv2.morphologyEx(mask.astype(uint8), cv2.MORPH_CLOSE, np.ones((3, 3), uint8))
     joined = cv2.morphologyEx(joined, cv2.MORPH_OPEN, np.ones((3, 3), uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(joined)
@@ -264,7 +272,7 @@ def _class_of(colour: NDArray[float32], width_m: float) -> ObjectClass | None:
     chroma, hue_deg = math.hypot(red, yellow), math.degrees(math.atan2(yellow, red)) % 360.0
     if lightness > BRIGHT and chroma < PALE:
         return ObjectClass.VESSEL if width_m > HULL_M else None
-    painted = any((hue_deg - low) % 360.0 < high - low for low, high in HUES_DEG[:-1])
+    painted = any(_is_between(np.float32(hue_deg), low, high) for low, high in HUES_DEG[:-1])
     return ObjectClass.BUOY if chroma > VIVID and painted else ObjectClass.DEBRIS
 
 
