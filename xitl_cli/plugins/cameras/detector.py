@@ -156,7 +156,8 @@ class ColourDetector:
         if rows - open_row < 20:
             return []
         below = np.arange(rows)[:, None] >= line + SHORE_PX
-        chroma, hue_deg = cv2.cartToPolar(lab[..., 1] - 128.0, lab[..., 2] - 128.0, angleInDegrees=True)
+        polar = cv2.cartToPolar(lab[..., 1] - 128.0, lab[..., 2] - 128.0, angleInDegrees=True)
+        chroma, hue_deg = (np.asarray(part, float32) for part in polar)
         vivid = (chroma > VIVID) & (np.arange(rows)[:, None] >= line - HIGHEST_PX)
         paints = [vivid & _is_between(hue_deg, low, high) for low, high in HUES_DEG]
         brightest = float(np.percentile(lab[open_row:, :, 0], 90.0))
