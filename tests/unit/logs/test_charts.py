@@ -189,3 +189,7 @@ def test_vector_tiles_empty_folders_and_broken_tiles_are_refused(tmp_path: Path)
     (tmp_path / "17" / str(column) / f"{row}.png").write_bytes(b"<html>")
     with pytest.raises(LogError, match=rf"tile 17/{column}/{row} is no PNG, JPEG or WebP"):
         read_chart(tmp_path, ORIGIN, TRACK)
+    with (tmp_path / "17" / str(column) / f"{row}.png").open("r+b") as tile:
+        tile.truncate(17 << 20)
+    with pytest.raises(LogError, match=r"\.png: cannot be read \(has more than 16 MiB\); give readable tiles"):
+        read_chart(tmp_path, ORIGIN, TRACK)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from agent.files import read_bytes
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Floats
 
@@ -79,10 +80,7 @@ class FeatureError(ValueError):
 def read_features(path: Path) -> list[Feature]:
     """Return the features of a GeoJSON file, one or more. Raises LogError with the place in the file."""
     try:
-        size = path.stat().st_size
-        if size > MOST_BYTES:
-            raise LogError(f"{path}: has {size / 1e6:.0f} MB, more than {MOST_BYTES / 1e6:.0f}; cut out the area")
-        document = json.loads(path.read_text(encoding="utf-8-sig"))
+        document = json.loads(read_bytes(path, MOST_BYTES).decode("utf-8-sig"))
     except OSError as error:
         raise LogError(
             f"{path}: cannot be read ({error.strerror}); name a GeoJSON or MBTiles file, or a folder"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.files import read_bytes
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Floats
 
@@ -75,13 +76,16 @@ def tile_at(zoom: int, place: Place) -> tuple[float, float]:
 def read_tiles(path: Path, south_west: Place, north_east: Place) -> FoundTiles:
     """Return the tiles of an area, at the highest zoom that needs at most MOST_TILES.
 
-    Raises LogError for a folder without tiles, for a file that is not MBTiles, and for tiles that are not images.
+    Raises LogError for a folder without tiles, for a file that is not MBTiles, and for tiles that cannot be read or are
+    no images.
     """
-    if path.is_dir():
-        return _of_folder(path, south_west, north_east)
     try:
+        if path.is_dir():
+            return _of_folder(path, south_west, north_east)
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
             return _of_mbtiles(path, base, south_west, north_east)
+    except OSError as error:
+        raise LogError(f"{error.filename}: cannot be read ({error.strerror}); give readable tiles") from error
     except sqlite3.Error as error:
         raise LogError(f"{path}: is not an MBTiles file ({error}); give one with raster tiles") from error
 
@@ -100,7 +104,7 @@ def _of_folder(path: Path, south_west: Place, north_east: Place) -> FoundTiles:
         for suffix in (".png", ".jpg", ".jpeg", ".webp"):
             file = path / str(zoom) / str(column) / f"{row}{suffix}"
             if file.is_file():
-                return file.read_bytes()
+                return read_bytes(file)
         return None
 
     def bounds(zoom: int) -> tuple[int, int, int, int]:
