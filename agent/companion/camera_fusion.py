@@ -38,7 +38,7 @@ MOST_WAITING = 512
 KEPT_NS = 2_000_000_000
 
 
-class CameraDetection(NamedTuple):
+class ImageDetection(NamedTuple):
     """An object in an image. Angles are in the body's axes: forward, right, down."""
 
     stamp_ns: int
@@ -53,7 +53,7 @@ class CameraDetection(NamedTuple):
     label: str
 
     @classmethod
-    def from_message(cls, message: Any, stamp_ns: int) -> CameraDetection:
+    def from_message(cls, message: Any, stamp_ns: int) -> ImageDetection:
         """Return the detection of an XITL_DETECTION, at an instant of this machine's clock."""
         place = np.array(message.position, dtype=np.float64)
         label = str(message.label)
@@ -77,11 +77,11 @@ class CameraFusion:
         self.early = 0  # those dropped before the first pose
         self._begun = False
         self._waterline_m = waterline_m
-        self._waiting: deque[CameraDetection] = deque()
+        self._waiting: deque[ImageDetection] = deque()
         self._evidence: dict[int, dict[str, float]] = {}
         self._images: dict[int, int] = {}
 
-    def add(self, detection: CameraDetection) -> None:
+    def add(self, detection: ImageDetection) -> None:
         """Add a detection. Those of an image have the same instant and follow each other."""
         self.received += 1
         if not detection.is_finite or not detection.label:
@@ -121,7 +121,7 @@ class CameraFusion:
         label = max(sorted(evidence), key=evidence.__getitem__)
         return label, evidence[label] / sum(evidence.values())
 
-    def _associate(self, image: Sequence[CameraDetection], tracks: Sequence[ObstacleTrack], pose: VehiclePose) -> None:
+    def _associate(self, image: Sequence[ImageDetection], tracks: Sequence[ObstacleTrack], pose: VehiclePose) -> None:
         pairs = [
             (distance, row, column)
             for row, detection in enumerate(image)
@@ -136,7 +136,7 @@ class CameraFusion:
                 free_columns.remove(column)
                 self._note(tracks[column].number, image[row])
 
-    def _note(self, number: int, detection: CameraDetection) -> None:
+    def _note(self, number: int, detection: ImageDetection) -> None:
         self.matched += 1
         self._images[number] = self._images.get(number, 0) + 1
         evidence = self._evidence.setdefault(number, {})
@@ -144,7 +144,7 @@ class CameraFusion:
             evidence[label] *= FADE
         evidence[detection.label] = evidence.get(detection.label, 0.0) + detection.confidence
 
-    def _distance(self, detection: CameraDetection, track: ObstacleTrack, pose: VehiclePose) -> float:
+    def _distance(self, detection: ImageDetection, track: ObstacleTrack, pose: VehiclePose) -> float:
         """Squared distance of a detection from a track, in standard deviations of bearing and depression."""
         camera_ned_m = pose.pos_ned_m + pose.rot_ned_frd @ detection.position_frd_m
         height_m = float(pose.pos_ned_m[2]) + self._waterline_m - float(camera_ned_m[2])
@@ -160,7 +160,7 @@ class CameraFusion:
         return (off_rad / across) ** 2 + (low_rad / along) ** 2
 
 
-def _level(detection: CameraDetection, pose: VehiclePose) -> tuple[float, float]:
+def _level(detection: ImageDetection, pose: VehiclePose) -> tuple[float, float]:
     """Bearing from north and elevation over the horizon of the middle of a box's lower edge."""
     flat = math.cos(detection.bottom_rad)
     ray_frd = np.array(

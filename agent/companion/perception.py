@@ -7,7 +7,7 @@ from typing import Any, Callable
 
 import numpy as np
 
-from agent.companion.camera_fusion import CameraDetection
+from agent.companion.camera_fusion import ImageDetection
 from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
 from agent.companion.mapping import LIDAR, SONAR, CloudMap, MapPoints
 from agent.companion.obstacle_avoidance import ObstacleAvoidance
@@ -122,7 +122,7 @@ class Perception:
             return True
         if isinstance(message, mav.MAVLink_xitl_detection_message):
             stamp_ns = self._clock.own_ns(message.time_usec * 1000)
-            self.avoidance.cameras.add(CameraDetection.from_message(message, stamp_ns))
+            self.avoidance.cameras.add(ImageDetection.from_message(message, stamp_ns))
             return True
         return False
 

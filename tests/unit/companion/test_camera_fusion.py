@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from agent.companion.camera_fusion import FEWEST_IMAGES, MOST_WAITING, CameraDetection, CameraFusion
+from agent.companion.camera_fusion import FEWEST_IMAGES, MOST_WAITING, CameraFusion, ImageDetection
 from agent.companion.detection import Cluster
 from agent.companion.pose_history import PoseHistory
 from agent.companion.tracking import ObstacleTrack
@@ -43,7 +43,7 @@ def track(number: int, north_m: float, east_m: float) -> ObstacleTrack:
 
 def seen(
     place_ne_m: tuple[float, float], label: str, stamp_ns: int, poses: PoseHistory, confidence: float = 0.9
-) -> CameraDetection:
+) -> ImageDetection:
     """Return the detection of an object whose near waterline is at a place."""
     pose = poses.pose_at(2 * SECOND)
     assert pose is not None
@@ -52,7 +52,7 @@ def seen(
     ray_ned[:2] *= 1.0 - 0.4 / np.hypot(*ray_ned[:2])  # its near side
     forward, right, down = (pose.rot_ned_frd.T @ ray_ned).tolist()
     bearing, bottom = math.atan2(right, forward), -math.atan2(down, math.hypot(forward, right))
-    return CameraDetection(stamp_ns, CAMERA_FRD_M, bearing, 0.05, bottom, confidence, label)
+    return ImageDetection(stamp_ns, CAMERA_FRD_M, bearing, 0.05, bottom, confidence, label)
 
 
 def fused(

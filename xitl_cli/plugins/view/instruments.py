@@ -123,7 +123,7 @@ def _actuator(vessel: SceneVessel, number: int) -> str:
     return f"{number + 1} {'port' if sides[0] > 0.0 else 'starboard'}"
 
 
-class Instruments:
+class InstrumentPanel:
     """The instruments of a server's page. tracks: colours of the tracks by vessel, one for all under "" by default.
 
     every_s: scene time between two changes of the values.

@@ -22,7 +22,7 @@ from xitl_cli.plugins.view.camera import Cameras
 from xitl_cli.plugins.view.camera_images import ImagePanel
 from xitl_cli.plugins.view.controls import Controls
 from xitl_cli.plugins.view.drawing import SceneDrawing, add_drawing_options
-from xitl_cli.plugins.view.instruments import Instruments
+from xitl_cli.plugins.view.instruments import InstrumentPanel
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import BodyInstant, SceneMesh, ViewInstant
 from xitl_cli.plugins.view.readouts import Readouts
@@ -60,7 +60,7 @@ class ViewProcess:
         self._drawing = SceneDrawing(server, scene, dark=start.dark)
         server.gui.configure_theme(dark_mode=start.dark, show_logo=False, show_share_button=False)
         self._readouts = Readouts(server, scene)
-        self._instruments = Instruments(server, scene)
+        self._instruments = InstrumentPanel(server, scene)
         self._cameras = Cameras(server, scene)
         self._images = ImagePanel(server)
         self._controls: Controls | None = None

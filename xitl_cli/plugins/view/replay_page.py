@@ -22,7 +22,7 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.report.model import Report
 from xitl_cli.logs.report.page import Replay
 from xitl_cli.plugins.view.camera import FOLLOW, usual_pose
-from xitl_cli.plugins.view.instruments import Instruments, instruments_html
+from xitl_cli.plugins.view.instruments import InstrumentPanel, instruments_html
 from xitl_cli.plugins.view.look import look_html
 from xitl_cli.plugins.view.model import Points, ViewInstant
 from xitl_cli.plugins.view.recording import LogScene, SceneFinding, open_scene, scene_of
@@ -91,7 +91,7 @@ def replay_html(
         with unseen_server() as server:
             drawing = ReplayDrawing(server, scene, dark=dark, page=True)
             every_s = max(INSTRUMENTS_S, span.length_s / MOST_INSTRUMENTS)
-            instruments = Instruments(server, scene.scene, drawing.track_colours, every_s)
+            instruments = InstrumentPanel(server, scene.scene, drawing.track_colours, every_s)
             instants = _PageInstants(scene, span)
             first = instants.at(span.from_s)
             drawing.draw(first)

@@ -195,7 +195,7 @@ class RecordingPage:
         from xitl_cli.plugins.view.camera import Cameras
         from xitl_cli.plugins.view.camera_images import ImagePanel
         from xitl_cli.plugins.view.drawing import add_drawing_options
-        from xitl_cli.plugins.view.instruments import Instruments
+        from xitl_cli.plugins.view.instruments import InstrumentPanel
         from xitl_cli.plugins.view.readouts import Readouts
         from xitl_cli.plugins.view.server import make_server
 
@@ -207,7 +207,7 @@ class RecordingPage:
         self._drawing = ReplayDrawing(server, recording, dark=dark)
         self.panel = TimelinePanel(server, self.clock, recording.marks)
         self._readouts = Readouts(server, recording.scene)
-        self._instruments = Instruments(server, recording.scene, self._drawing.track_colours)
+        self._instruments = InstrumentPanel(server, recording.scene, self._drawing.track_colours)
         self._cameras = Cameras(server, recording.scene)
         self._images = ImagePanel(server)
         add_drawing_options(server, self._drawing.drawing, self._draw_again)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from xitl_cli.plugins.view.drawing import ESTIMATE, GUIDED, OBSTACLE, TARGET
-from xitl_cli.plugins.view.instruments import Instruments, legend, readings
+from xitl_cli.plugins.view.instruments import InstrumentPanel, legend, readings
 from xitl_cli.plugins.view.model import SceneThruster, SceneVessel, VesselInstant, ViewInstant, ViewScene
 
 AHEAD = (1.0, 0.0, 0.0)
@@ -96,7 +96,7 @@ def test_labels_change_at_their_interval_and_at_once_after_a_pause_or_a_jump_bac
 ) -> None:
     scene = Scene()
     server = cast(Any, SimpleNamespace(scene=scene))
-    instruments = Instruments(server, ViewScene("test", vessels={"a": BOAT}), every_s=every_s)
+    instruments = InstrumentPanel(server, ViewScene("test", vessels={"a": BOAT}), every_s=every_s)
     instruments.update(ViewInstant(0.0, {"a": EASTWARD}))
     instruments.update(ViewInstant(0.2, {"a": EASTWARD}))
     assert scene.read("/instruments/a")["time_s"] == shown_s
