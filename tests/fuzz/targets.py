@@ -31,6 +31,8 @@ from tests.fuzz import peers
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.verify import DamagedError, verify
 from xitl_cli.logs import LogError, open_log
+from xitl_cli.logs.charts.features import read_features
+from xitl_cli.logs.charts.tiles import read_tiles
 from xitl_cli.logs.expressions.syntax import ExpressionError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.query import RowCondition
@@ -311,6 +313,10 @@ TARGETS: Mapping[str, Target] = {
     "plan": Target(_mission(ground_station_files.read_plan)),
     "waypoints": Target(_mission(ground_station_files.read_waypoints)),
     "geojson": Target(_mission(map_files.read_geojson)),
+    "chart": Target(_file(".geojson", read_features, LogError), ".geojson"),
+    "tiles": Target(
+        _file(".mbtiles", lambda path: read_tiles(path, (-64.0, -9.0), (-63.0, -8.0)), LogError), ".mbtiles"
+    ),
     "kml": Target(_mission(map_files.read_kml)),
     "gpx": Target(_mission(map_files.read_gpx)),
     "yaml": Target(_yaml),

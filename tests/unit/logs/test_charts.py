@@ -114,6 +114,14 @@ def test_a_missing_file_is_refused_and_not_made(tmp_path: Path, name: str) -> No
     assert not (tmp_path / name).exists()
 
 
+def test_a_chart_in_another_reference_system_is_refused(tmp_path: Path) -> None:
+    path = geojson(tmp_path, feature("Point", [0.0, 0.0]))
+    document = {**json.loads(path.read_text()), "crs": {"type": "name", "properties": {"name": "EPSG:31983"}}}
+    path.write_text(json.dumps(document))
+    with pytest.raises(LogError, match="crs is not WGS84"):
+        read_chart(path, ORIGIN, TRACK)
+
+
 def test_a_log_without_an_origin_has_no_chart(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="positions on the Earth"):
         read_chart(geojson(tmp_path, feature("Point", [0.0, 0.0])), None, TRACK)

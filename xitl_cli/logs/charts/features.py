@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from agent.files import read_bytes
+from sim_core.geojson import GeoJsonError, Geometry, read_geometries
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Floats
 
 MOST_BYTES = 100_000_000
-MOST_DEPTH = 8
 _GREY = "#555555"
 _COLOUR = re.compile(r"#?([0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
 
@@ -73,10 +73,6 @@ class Feature:
         return ChartShape(self.kind, tuple(rings_en_m), self.style)
 
 
-class FeatureError(ValueError):
-    """A place in the file and what is wrong there, as one sentence."""
-
-
 def read_features(path: Path) -> list[Feature]:
     """Return the features of a GeoJSON file, one or more. Raises LogError with the place in the file."""
     try:
@@ -90,38 +86,30 @@ def read_features(path: Path) -> list[Feature]:
             f"{path}: is no chart; give GeoJSON, MBTiles with raster tiles, or a folder of tiles {{z}}/{{x}}/{{y}}.png"
         ) from error
     try:
-        features = list(_features(document, "", 0))
-    except FeatureError as wrong:
+        features = [feature for geometry in read_geometries(document) for feature in _features(geometry)]
+    except GeoJsonError as wrong:
         raise LogError(f"{path}: {wrong}") from wrong
     if not features:
         raise LogError(f"{path}: has no polygon, line or point; draw some, or choose another file")
     return features
 
 
-def _features(member: Any, where: str, depth: int, style: ChartStyle = ChartStyle()) -> Iterator[Feature]:
-    kind = member.get("type") if isinstance(member, dict) else None
-    lists = {"FeatureCollection": "features", "GeometryCollection": "geometries"}
-    if isinstance(kind, str) and kind in lists and depth < MOST_DEPTH:
-        members = member.get(lists[kind])
-        if not isinstance(members, list):
-            raise FeatureError(f"{where}{lists[kind]} is not a list; save the file again")
-        for number, below in enumerate(members):
-            yield from _features(below, f"{where}{lists[kind]}.{number}.", depth + 1, style)
-    elif kind == "Feature":
-        if member.get("geometry") is not None:
-            own = _style(member.get("properties"), f"{where}properties.")
-            yield from _features(member["geometry"], f"{where}geometry.", depth + 1, own)
-    elif isinstance(kind, str) and kind in _GEOMETRIES:
-        shape, nesting, several = _GEOMETRIES[kind]
-        parts = member.get("coordinates")
-        for number, part in enumerate(parts if several and isinstance(parts, list) else [parts]):
-            name = f"{where}coordinates" + (f".{number}" if several else "")
-            rings = part if nesting == 2 else [part] if nesting == 1 else [[part]]
-            if not isinstance(rings, list) or not rings:
-                raise FeatureError(f"{name} is not a list; save the file again")
-            yield Feature(shape, tuple(_ring(ring, name) for ring in rings), style)
-    else:
-        raise FeatureError(f"{where}type is {str(kind)[:40]!r}, which is not of GeoJSON; save the file again")
+def _features(geometry: Geometry) -> Iterator[Feature]:
+    where, members, properties = geometry
+    if not members:  # a feature may be without a place
+        return
+    kind = members.get("type")
+    if not isinstance(kind, str) or kind not in _GEOMETRIES:
+        raise GeoJsonError(f"{where}type is {str(kind)[:40]!r}, which is not of GeoJSON; save the file again")
+    style = _style(properties, f"{where.removesuffix('geometry.')}properties.")
+    shape, nesting, several = _GEOMETRIES[kind]
+    parts = members.get("coordinates")
+    for number, part in enumerate(parts if several and isinstance(parts, list) else [parts]):
+        name = f"{where}coordinates" + (f".{number}" if several else "")
+        rings = part if nesting == 2 else [part] if nesting == 1 else [[part]]
+        if not isinstance(rings, list) or not rings:
+            raise GeoJsonError(f"{name} is not a list; save the file again")
+        yield Feature(shape, tuple(_ring(ring, name) for ring in rings), style)
 
 
 _GEOMETRIES: Mapping[str, tuple[ShapeKind, int, bool]] = {
@@ -137,14 +125,14 @@ _GEOMETRIES: Mapping[str, tuple[ShapeKind, int, bool]] = {
 
 def _ring(places: Any, where: str) -> Floats:
     if not isinstance(places, list) or not places:
-        raise FeatureError(f"{where} is not a list of positions; save the file again")
+        raise GeoJsonError(f"{where} is not a list of positions; save the file again")
     for place in places:
         numbers = place[:2] if isinstance(place, list) else []
         if len(numbers) < 2 or not all(isinstance(one, int | float) and math.isfinite(one) for one in numbers):
-            raise FeatureError(f"{where}: {str(place)[:60]} is not a position; write [longitude, latitude]")
+            raise GeoJsonError(f"{where}: {str(place)[:60]} is not a position; write [longitude, latitude]")
         longitude, latitude = numbers
         if abs(longitude) > 180.0 or abs(latitude) > 90.0:
-            raise FeatureError(
+            raise GeoJsonError(
                 f"{where}: [{longitude:g}, {latitude:g}] is not longitude and latitude in degrees of WGS84; "
                 "convert the file to EPSG:4326"
             )
@@ -160,7 +148,7 @@ def _style(properties: Any, where: str) -> ChartStyle:
             return otherwise
         match = _COLOUR.fullmatch(value) if isinstance(value, str) else None
         if match is None:
-            raise FeatureError(f"{where}{key}: {str(value)[:40]!r} is not a colour; write #rrggbb")
+            raise GeoJsonError(f"{where}{key}: {str(value)[:40]!r} is not a colour; write #rrggbb")
         digits = match[1] if len(match[1]) == 6 else "".join(2 * digit for digit in match[1])
         return f"#{digits.lower()}"
 
@@ -169,7 +157,7 @@ def _style(properties: Any, where: str) -> ChartStyle:
         if value is None:
             return otherwise
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= most:
-            raise FeatureError(f"{where}{key}: {str(value)[:40]!r} is not a number from 0 to {most:g}; correct it")
+            raise GeoJsonError(f"{where}{key}: {str(value)[:40]!r} is not a number from 0 to {most:g}; correct it")
         return float(value)
 
     usual = ChartStyle()

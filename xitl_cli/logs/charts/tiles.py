@@ -86,7 +86,7 @@ def read_tiles(path: Path, south_west: Place, north_east: Place) -> FoundTiles:
             return _of_mbtiles(path, base, south_west, north_east)
     except OSError as error:
         raise LogError(f"{error.filename}: cannot be read ({error.strerror}); give readable tiles") from error
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeError, MemoryError) as error:  # SQLite runs out of memory by a damaged length
         raise LogError(f"{path}: is not an MBTiles file ({error}); give one with raster tiles") from error
 
 
@@ -116,26 +116,34 @@ def _of_folder(path: Path, south_west: Place, north_east: Place) -> FoundTiles:
     return _chosen(path, zooms, image, bounds, south_west, north_east)
 
 
+_USABLE = f"""
+CREATE TEMP VIEW usable AS SELECT zoom_level, tile_column, tile_row, tile_data FROM tiles
+WHERE typeof(zoom_level) = 'integer' AND zoom_level BETWEEN 0 AND {MOST_ZOOM} AND typeof(tile_data) = 'blob'
+AND typeof(tile_column) = 'integer' AND tile_column BETWEEN 0 AND (1 << zoom_level) - 1
+AND typeof(tile_row) = 'integer' AND tile_row BETWEEN 0 AND (1 << zoom_level) - 1
+"""
+
+
 def _of_mbtiles(path: Path, base: sqlite3.Connection, south_west: Place, north_east: Place) -> FoundTiles:
     kind = base.execute("SELECT value FROM metadata WHERE name = 'format'").fetchone()
     if kind is not None and kind[0] == "pbf":
         raise LogError(f"{path}: has vector tiles; give an MBTiles file with raster tiles (png, jpg or webp)")
-    zooms = [int(row[0]) for row in base.execute("SELECT DISTINCT zoom_level FROM tiles ORDER BY 1")]
-    zooms = [zoom for zoom in zooms if 0 <= zoom <= MOST_ZOOM]
+    base.execute(_USABLE)
+    zooms = [row[0] for row in base.execute("SELECT DISTINCT zoom_level FROM usable ORDER BY 1")]
     if not zooms:
         raise LogError(f"{path}: has no tiles; give another MBTiles file")
 
     def image(zoom: int, column: int, row: int) -> bytes | None:
         # MBTiles counts rows from the south.
         found = base.execute(
-            "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?",
+            "SELECT tile_data FROM usable WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?",
             (zoom, column, 2**zoom - 1 - row),
         ).fetchone()
         return None if found is None else bytes(found[0])
 
     def bounds(zoom: int) -> tuple[int, int, int, int]:
         query = (
-            "SELECT min(tile_column), min(tile_row), max(tile_column), max(tile_row) FROM tiles WHERE zoom_level = ?"
+            "SELECT min(tile_column), min(tile_row), max(tile_column), max(tile_row) FROM usable WHERE zoom_level = ?"
         )
         west, south, east, north = base.execute(query, (zoom,)).fetchone()
         return west, 2**zoom - 1 - north, east, 2**zoom - 1 - south

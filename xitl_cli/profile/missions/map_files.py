@@ -15,24 +15,24 @@ from dataclasses import dataclass, field
 from typing import Any
 from xml.parsers import expat
 
+from sim_core.geojson import GeoJsonError, read_geometries
 from xitl_cli.profile.missions.course import Course, FileItem, MissionFileError, place_of, sorted_course
 from xitl_cli.profile.missions.ground_station_files import number_of, read_json
 
-_WGS84 = ("CRS84", "EPSG::4326", "EPSG:4326")
 ONE_COURSE = "keep one, or save the course in a separate file"
 
 
 def read_geojson(text: str) -> Course:
     """Return one LineString or MultiPoint, or Points in their order. Raises MissionFileError."""
-    document = read_json(text)
-    if not isinstance(document, dict):
-        raise MissionFileError("is not GeoJSON; a file is a FeatureCollection, a Feature or a geometry")
-    crs = document.get("crs")
-    if crs is not None and not str(crs).rstrip("'}").endswith(_WGS84):
-        raise MissionFileError("crs is not WGS84, which GeoJSON requires (RFC 7946); convert it to EPSG:4326")
     lines: list[list[FileItem]] = []
     points: list[FileItem] = []
-    for where, geometry in _geometries(document, "", 0):
+    try:
+        geometries = list(read_geometries(read_json(text)))
+    except GeoJsonError as error:
+        raise MissionFileError(str(error)) from None
+    for where, geometry, _ in geometries:
+        if not geometry:
+            raise MissionFileError(f"{where.rstrip('.')} is missing; draw it, or remove the feature")
         kind, coordinates = geometry.get("type"), geometry.get("coordinates")
         if kind == "Point":
             points.append(_position(coordinates, f"{where}coordinates"))
@@ -42,27 +42,6 @@ def read_geojson(text: str) -> Course:
             text = f"{where}type is {str(kind)[:40]!r}, which is not a course"
             raise MissionFileError(f"{text}; use a LineString, a MultiPoint or Points")
     return _one_course(lines, points)
-
-
-def _geometries(member: dict[str, Any], where: str, depth: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    kind = member.get("type")
-    lists = {"FeatureCollection": "features", "GeometryCollection": "geometries"}
-    if isinstance(kind, str) and kind in lists and depth < 8:
-        key = lists[kind]
-        members = member.get(key)
-        if not isinstance(members, list):
-            raise MissionFileError(f"{where}{key} is not a list; save the file again")
-        for number, below in enumerate(members):
-            if not isinstance(below, dict):
-                raise MissionFileError(f"{where}{key}.{number} is not an object; save the file again")
-            yield from _geometries(below, f"{where}{key}.{number}.", depth + 1)
-    elif kind == "Feature":
-        geometry = member.get("geometry")
-        if not isinstance(geometry, dict):
-            raise MissionFileError(f"{where}geometry is missing; draw it, or remove the feature")
-        yield from _geometries(geometry, f"{where}geometry.", depth + 1)
-    else:
-        yield where, member
 
 
 def _position(value: Any, where: str) -> FileItem:
