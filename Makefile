@@ -32,7 +32,7 @@ $(VENV)/.run: pyproject.toml constraints.txt
 
 $(VENV)/.dev: $(VENV)/.run
 	@echo "installing what tests and checks need into $(VENV)/, another 1.2 GB: some minutes, the first time only"
-	@$(PIP_INSTALL) -e '.[dev]'
+	@$(PIP_INSTALL) --no-compile -e '.[dev]' # the tests compile what they import, a small part
 	@touch $@
 
 $(VENV)/.mutate: $(VENV)/.dev

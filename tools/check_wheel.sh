@@ -8,7 +8,7 @@ trap 'rm -rf "$work"' EXIT
 python=$root/.venv/bin/python
 "$python" -m pip --disable-pip-version-check wheel --quiet --no-deps --wheel-dir "$work" .
 "$python" -m venv "$work/venv"
-"$work/venv/bin/python" -m pip --disable-pip-version-check install --quiet -c constraints.txt "$work"/xitl-*.whl
+"$work/venv/bin/python" -m pip --disable-pip-version-check install --quiet --no-compile -c constraints.txt "$work"/xitl-*.whl
 cd "$work"
 venv/bin/xitl --help > /dev/null
 venv/bin/xitl profiles list > /dev/null
@@ -33,7 +33,7 @@ needs campaign venv/bin/xitl campaign compare run run
 needs perception venv/bin/xitl map run/run.mcap
 needs perception venv/bin/xitl sim sitl-perception --duration 1
 test "$(du -sm venv | cut -f 1)" -lt 400
-"$work/venv/bin/python" -m pip --disable-pip-version-check install --quiet -c "$root/constraints.txt" "$(echo "$work"/xitl-*.whl)[report]"
+"$work/venv/bin/python" -m pip --disable-pip-version-check install --quiet --no-compile -c "$root/constraints.txt" "$(echo "$work"/xitl-*.whl)[report]"
 venv/bin/xitl logs analyze run/run.mcap run/autopilot.bin --report report.html > /dev/null && test -s report.html
 venv/bin/python -c 'import xitl; assert xitl.wdri("sitl").wdri > 0.16; xitl.open_log("run/run.mcap").close()'
 venv/bin/xitl agent package > /dev/null

@@ -27,7 +27,7 @@ install() { # DISTRIBUTION FOLDER
         *) echo "$0: $1 is not a distribution that PyPI has; use kilted or jazzy" >&2; return 2 ;;
     esac
     "$python" -m venv "$2"
-    "$2/bin/python" -m pip install --quiet --disable-pip-version-check --no-input numpy catkin_pkg cmake "${packages[@]}"
+    "$2/bin/python" -m pip install --quiet --no-compile --disable-pip-version-check --no-input numpy catkin_pkg cmake "${packages[@]}"
 }
 
 source_file() { # FOLDER: what `. setup.bash` sets. Of the packages only those of ROS, so that a virtual environment keeps its own numpy.

@@ -135,7 +135,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]
 
 
 def test_a_plan_from_the_command_line(undisturbed: list[dict[str, Any]]) -> None:
-    told = campaign("plan.yaml", "--workers", "4", "--out", "out", "--json", code=0)
+    told = campaign("plan.yaml", "--workers", "2", "--out", "out", "--json", code=0)
     document = json.loads(told[: told.rindex("\n}") + 2])
     assert document["complete"] is True
     assert document["runs"] == document["statuses"]["incomplete"] == RUNS

@@ -10,7 +10,7 @@ import pytest
 import xitl as toolkit
 
 pytest.importorskip("embreex", reason="xitl[perception] is not installed")
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.nightly]
 
 # Both would be at the same place after some 25 s under way. A barge of 20 m is longer than anything that drifts.
 PROFILE = """

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.slow
 
 FLEET = """
 extends: [sitl]
+clock: {physics_rate_hz: 200}
 vessels:
   leader: {mission: {start: {north_m: 0, east_m: 0, heading_deg: 37}, waypoints_ned_m: [[30, 22], [45, 40]]}}
   otter:

@@ -54,9 +54,12 @@ vessels:
 CROSSED_S, SYSTEM_ID, BARGE_MMSI = 45.0, 1, 200_001_001
 
 
-def run_of(folder: Path, profile: str, **keys: Any) -> toolkit.Result:
+CHEAP = {"recording.scene": False, "clock.physics_rate_hz": 200}
+
+
+def run_of(folder: Path, profile: str, duration_s: float) -> toolkit.Result:
     (folder / "fleet.yaml").write_text(profile)
-    return toolkit.simulate(folder / "fleet.yaml", out=folder / "run", **keys)
+    return toolkit.simulate(folder / "fleet.yaml", duration_s=duration_s, overrides=CHEAP, out=folder / "run")
 
 
 @pytest.fixture(scope="module")

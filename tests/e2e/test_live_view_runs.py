@@ -193,7 +193,7 @@ def test_a_pause_stays_when_the_last_browser_closes(started: Callable[..., Viewe
     assert run.summary()["operator"]["actions"] == {"pause": 1, "resume": 1}
 
 
-@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390)])
+@pytest.mark.parametrize(("width", "height"), [(390, 844), pytest.param(844, 390, marks=pytest.mark.nightly)])
 def test_on_a_phone_the_controls_begin_closed_and_open(
     started: Callable[..., Viewed], browser: Any, width: int, height: int
 ) -> None:

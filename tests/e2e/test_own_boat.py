@@ -40,7 +40,7 @@ def test_a_boat_in_norway(xitl: Xitl, tmp_path: Path) -> None:
             text = text.replace(before, after)
         (boat / file).write_text(text)
     assert xitl("profiles", "check", "my-boat").stdout == "ok  my-boat (runs)\n"
-    done = xitl("sim", "--profile", "my-boat", "--out", "run")
+    done = xitl("sim", "--profile", "my-boat", "--set", "clock.physics_rate_hz=200", "--out", "run")
     assert done.returncode == 0, done.stdout + done.stderr
     told = summary(tmp_path / "run")
     (steep,) = told["warnings"]  # 0.3 m of significant height, twice what the boat begins with

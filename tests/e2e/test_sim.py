@@ -24,7 +24,9 @@ SECONDS = 15
 ENVIRONMENTS = {"calm": 2.0, "current-waves": 4.0, "current-waves-gusts": 4.0}
 
 
-@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize(
+    "environment", ["calm", pytest.param("current-waves", marks=pytest.mark.nightly), "current-waves-gusts"]
+)
 def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_path: Path, environment: str) -> None:
     profile = tmp_path / "boat.yaml"
     profile.write_text(f"extends: [sitl, environments/{environment}]\n")

@@ -76,6 +76,7 @@ def test_published_vessels_do_as_published(xitl: Xitl) -> None:
             assert abs(figure["value"] - figure["reference"]) <= most, figure
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_the_documentation_states_the_shares(xitl: Xitl) -> None:
     told = xitl("validate", "--json", timeout_s=240.0)

@@ -69,6 +69,7 @@ def test_a_run_in_a_thread_of_its_own(tmp_path: Path) -> None:
     assert [run.result().summary["seed"] for run in runs] == [1, 2]
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_the_example_runs_as_it_is(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
