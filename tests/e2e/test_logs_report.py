@@ -288,6 +288,7 @@ def test_the_replay_plays_in_a_frame_and_keeps_step_with_the_page(browser: Any, 
     page.close()
 
 
+@pytest.mark.nightly
 def test_a_log_is_replayed_in_its_report(driver: Any, tmp_path: Path) -> None:
     """ArduRover's log in viser's player, from the disk and without a network, by drawing in software."""
     pytest.importorskip("viser", reason="draws the replay; pip install 'xitl[view]'")

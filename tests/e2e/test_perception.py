@@ -13,7 +13,10 @@ for package in ("kiss_icp", "embreex"):
     pytest.importorskip(package, reason="xitl[perception] is not installed")
 pytestmark = pytest.mark.slow
 
-SHORT = ("--set", "clock.duration_s=16", "--set", "companion.link=tcp://127.0.0.1:0")
+SHORT = (
+    *("--set", "clock.duration_s=16", "--set", "clock.physics_rate_hz=200", "--set", "sensors.lidar.points_hz=40000"),
+    *("--set", "companion.link=tcp://127.0.0.1:0"),
+)
 
 
 def topics(file: Path) -> dict[str, list[tuple[int, bytes]]]:

@@ -25,7 +25,8 @@ ENVIRONMENTS = {"calm": 2.0, "current-waves": 4.0, "current-waves-gusts": 4.0}
 
 
 @pytest.mark.parametrize(
-    "environment", ["calm", pytest.param("current-waves", marks=pytest.mark.nightly), "current-waves-gusts"]
+    "environment",
+    ["calm", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("current-waves", "current-waves-gusts"))],
 )
 def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_path: Path, environment: str) -> None:
     profile = tmp_path / "boat.yaml"
@@ -147,7 +148,8 @@ def test_the_recording_reads_back_in_standard_tools() -> None:
 
 
 def test_without_an_autopilot_the_driver_commands_the_vessel(xitl: Xitl, tmp_path: Path) -> None:
-    result = xitl("sim", "--profile", "mitl", "--out", "run", "--json")
+    course = "mission.waypoints_ned_m=[[8.0, 6.0], [24.0, 18.0]]"
+    result = xitl("sim", "--profile", "mitl", "--set", course, "--out", "run", "--json")
     told = json.loads(result.stdout)
     assert result.returncode == 0, result.stderr
     assert told["mission"]["completed"]

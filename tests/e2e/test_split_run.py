@@ -16,7 +16,7 @@ from tests.patience import wait_until
 from xitl_cli.logs import open_log
 
 _SOME_BYTES = 200_000
-_RUN = ("sim", "--profile", "sitl", "--set", "clock.duration_s=25")
+_RUN = ("sim", "--profile", "sitl", "--set", "clock.duration_s=14")
 
 
 def finished(result: subprocess.CompletedProcess[str]) -> str:
@@ -27,19 +27,19 @@ def finished(result: subprocess.CompletedProcess[str]) -> str:
 @pytest.mark.slow
 def test_a_split_run_has_the_results_of_the_unsplit_run(xitl: Xitl, tmp_path: Path) -> None:
     finished(xitl(*_RUN, "--out", "whole"))
-    by_time, by_size = "recording.split.time_s=10", "recording.split.size_mb=0.8"
+    by_time, by_size = "recording.split.time_s=6", "recording.split.size_mb=0.4"
     told = finished(xitl(*_RUN, "--out", "split", "--set", by_time))
     finished(xitl(*_RUN, "--out", "small", "--set", by_size))
     assert "run.mcap, 2 more files of the recording, summary.json" in told
 
     listed = summary(tmp_path / "split")["recording"]
     assert [(file["file"], file["from_s"]) for file in listed] == [
-        ("run.mcap", 0.0), ("run-002.mcap", 10.0), ("run-003.mcap", 20.0)
+        ("run.mcap", 0.0), ("run-002.mcap", 6.0), ("run-003.mcap", 12.0)
     ]  # fmt: skip
     assert [file["size_bytes"] for file in listed] == [
         (tmp_path / "split" / file["file"]).stat().st_size for file in listed
     ]
-    assert listed[-1]["until_s"] == 25.0
+    assert listed[-1]["until_s"] == 14.0
     assert "recording" not in summary(tmp_path / "whole")
 
     for name in ("split", "small"):
@@ -67,7 +67,7 @@ def test_a_split_run_has_the_results_of_the_unsplit_run(xitl: Xitl, tmp_path: Pa
 
     (tmp_path / "split" / "run-002.mcap").unlink()
     shown = " ".join(finished(xitl("logs", "info", "split")).split())
-    assert "run-002.mcap is missing: no data from 10.0 s to 20.0 s; copy all files of the run again" in shown
+    assert "run-002.mcap is missing: no data from 6.0 s to 12.0 s; copy all files of the run again" in shown
     finished(xitl("sim", "--profile", "sitl", "--set", "clock.duration_s=1", "--out", "split", "--overwrite"))
     assert not list((tmp_path / "split").glob("run-*.mcap"))
 

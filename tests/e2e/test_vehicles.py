@@ -14,7 +14,14 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    ("vessel", "seconds"), [("otter", 60), ("wamv16", 50), ("heron", 75), ("blueboat", 75), ("cybership2", 90)]
+    ("vessel", "seconds"),
+    [
+        ("otter", 60),
+        ("wamv16", 50),
+        ("heron", 75),
+        pytest.param("blueboat", 75, marks=pytest.mark.nightly),
+        pytest.param("cybership2", 90, marks=pytest.mark.nightly),
+    ],
 )
 def test_it_makes_way_in_current_waves_and_gusts(xitl: Xitl, tmp_path: Path, vessel: str, seconds: int) -> None:
     """The first leg: 22 m across a current of 0.5 m/s, which carries the boat off while the autopilot aligns for 25 s.

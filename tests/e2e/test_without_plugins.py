@@ -88,5 +88,7 @@ def test_the_core_does_without_all_plug_ins(tree: Path) -> None:
     refused = xitl(tree, "sim", "sitl", "--view", "--duration", "2", "--out", "seen")
     assert refused.returncode == 2
     assert "view: the plug-in of xitl" in " ".join(refused.stderr.split())
-    tested = python(tree, "-m", "pytest", "-m", "not slow and not realtime", *(f"tests/unit/{f}" for f in CORE_TESTS))
+    tested = python(
+        tree, "-m", "pytest", "-m", "not medium and not slow and not realtime", *(f"tests/unit/{f}" for f in CORE_TESTS)
+    )
     assert tested.returncode == 0, tested.stdout[-4000:]
