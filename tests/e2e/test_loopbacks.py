@@ -26,24 +26,28 @@ LOOPBACKS = {
     "can by multicast": ("hitl-can-loopback", "--set", MULTICAST),
     "canfd by multicast": ("hitl-canfd-loopback", "--set", f"{MULTICAST}&data_bitrate=5000000&fd=true"),
 }
+FEW = ("udp", "serial", "can")
+"""The others are nightly."""
 AT_ONCE = 3  # together they keep about one processor busy
 
 pytestmark = pytest.mark.realtime  # beside others a reader stands still for a second, and a line loses frames
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The run directories."""
+def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The run directories of the loopbacks that a selected test reads."""
     if os.geteuid() != 0 or shutil.which("ip") is None:
         pytest.skip("needs root and ip, to make a network of its own (apt install iproute2)")
     folder = tmp_path_factory.mktemp("loopbacks")
-    names_left = iter(LOOPBACKS)
+    here = [item for item in request.session.items if item.path == request.path]
+    selected = list(dict.fromkeys(item.callspec.params["told"] for item in here if isinstance(item, pytest.Function)))
+    names_left = iter(selected)
     while names := list(islice(names_left, AT_ONCE)):
         started = {name: start(folder, name) for name in names}
         for name, process in started.items():
             _, errors = process.communicate(timeout=3 * PATIENCE_S)
             assert process.returncode == 0, f"{name}: {errors}"
-    return {name: folder / name for name in LOOPBACKS}
+    return {name: folder / name for name in selected}
 
 
 def start(folder: Path, name: str) -> subprocess.Popen[str]:
@@ -59,7 +63,9 @@ def start(folder: Path, name: str) -> subprocess.Popen[str]:
     )
 
 
-@pytest.fixture(params=LOOPBACKS)
+@pytest.fixture(
+    params=[pytest.param(name, marks=[] if name in FEW else pytest.mark.nightly) for name in LOOPBACKS], ids=LOOPBACKS
+)
 def told(request: pytest.FixtureRequest, runs: dict[str, Path]) -> dict[str, Any]:
     return summary(runs[request.param])
 
