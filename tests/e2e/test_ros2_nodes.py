@@ -107,7 +107,11 @@ def bag_stamps(folder: Path, topics: Collection[str]) -> dict[str, list[int]]:
 @pytest.mark.realtime
 @pytest.mark.parametrize(
     ("distribution", "way", "discovery", "seconds"),
-    [("kilted", "cyclonedds", "SUBNET", 12), ("jazzy", "cyclonedds", "LOCALHOST", 6), ("kilted", "rclpy", "SUBNET", 6)],
+    [
+        pytest.param("kilted", "cyclonedds", "SUBNET", 12, marks=pytest.mark.nightly),
+        ("jazzy", "cyclonedds", "LOCALHOST", 6),
+        pytest.param("kilted", "rclpy", "SUBNET", 6, marks=pytest.mark.nightly),
+    ],
 )
 def test_a_node_hears_every_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, distribution: str, way: str, discovery: str, seconds: int
@@ -147,7 +151,9 @@ def test_a_node_hears_every_message(
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize(("distribution", "way"), [("jazzy", "cyclonedds"), ("kilted", "rclpy")])
+@pytest.mark.parametrize(
+    ("distribution", "way"), [pytest.param("jazzy", "cyclonedds", marks=pytest.mark.nightly), ("kilted", "rclpy")]
+)
 def test_a_node_sails_to_a_waypoint_and_one_that_does_all_wrong_harms_nothing(
     tmp_path: Path, distribution: str, way: str
 ) -> None:
