@@ -32,7 +32,7 @@ vessels:
     mission: {start: {north_m: -20, east_m: -20, heading_deg: 37}, waypoints_ned_m: [[10, 0]]}
 """
 NAMES = ("leader", "otter", "heron")
-DURATION_S = 26.0
+DURATION_S = 20.0
 
 
 @pytest.fixture(scope="module")

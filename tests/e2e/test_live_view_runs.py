@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
 import re
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -22,6 +24,7 @@ from conftest import newest_time_s, unhurried
 from tests.bench.soak_clients import VIEWER_CAMERA
 from tests.chromium import CHROMIUM, launch_chromium
 from tests.patience import PATIENCE_S, wait_until
+from xitl_cli.plugins.view.server import USUAL_PORT
 
 viser = pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
@@ -274,16 +277,18 @@ def test_another_address_has_a_token(started: Callable[..., Viewed]) -> None:
 
 
 def test_a_port_that_is_taken_is_an_error_before_anything_runs(started: Callable[..., Viewed], tmp_path: Path) -> None:
-    run = started("sitl", "--view", "--pace", "1")
-    port = str(urlsplit(run.address).port)
-    arguments = ["sim", "sitl", "--view-port", port, "--out", str(tmp_path / "other")]
-    other = subprocess.run(
-        [sys.executable, "-c", "from xitl_cli.main import main; main()", *arguments], capture_output=True, text=True
-    )
-    assert other.returncode == 2
-    assert f"view.port = {port}: another program listens there" in other.stderr
-    assert not (tmp_path / "other").exists()
-    free = started("sitl", "--duration", "1", "--view")
-    if port == "8470":
-        assert "port 8470 is taken" in free.said
-    assert free.address != run.address
+    with contextlib.ExitStack() as stack:
+        taken = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+        port = taken.getsockname()[1]
+        arguments = ["sim", "sitl", "--view-port", f"{port}", "--out", str(tmp_path / "other")]
+        other = subprocess.run(
+            [sys.executable, "-c", "from xitl_cli.main import main; main()", *arguments], capture_output=True, text=True
+        )
+        assert other.returncode == 2
+        assert f"view.port = {port}: another program listens there" in other.stderr
+        assert not (tmp_path / "other").exists()
+        with contextlib.suppress(OSError):  # another run has it
+            stack.enter_context(socket.create_server(("127.0.0.1", USUAL_PORT)))
+        free = started("sitl", "--duration", "1", "--view")
+        assert f"port {USUAL_PORT} is taken" in free.said
+        assert urlsplit(free.address).port != USUAL_PORT

@@ -29,7 +29,7 @@ recordings: none
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module", params=SYSTEMS)
+@pytest.fixture(scope="module", params=[WINDOWS, pytest.param(MACOS, marks=pytest.mark.nightly)])
 def there(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     """A system, and a folder with a short run that was made there."""
     platform: str = request.param

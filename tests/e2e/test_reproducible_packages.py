@@ -21,6 +21,7 @@ OTHER = {"TZ": "Pacific/Chatham", "LC_ALL": "C", "PYTHONHASHSEED": "4711"}
 UNUSUAL_S = 1_000_000_000.0
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.nightly,
     pytest.mark.skipif(find_spec("hatchling") is None, reason="needs hatchling: pip install 'xitl[test]'"),
 ]
 

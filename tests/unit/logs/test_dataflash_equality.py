@@ -94,7 +94,7 @@ def test_the_start_of_a_recorded_log_reads_as_pymavlink_reads_it(name: str, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [NAMES[0], *(pytest.param(name, marks=pytest.mark.nightly) for name in NAMES[1:])])
 def test_a_whole_recorded_log_reads_as_pymavlink_reads_it(name: str) -> None:
     hold_against_pymavlink(LOGS / name, at_once)
 
