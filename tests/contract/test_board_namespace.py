@@ -74,6 +74,7 @@ def test_who_enters_is_where_the_emulator_is(board: EmulatedBoard) -> None:
     assert inside(board, "readlink", "/proc/self/ns/net", "/proc/self/ns/user").stdout.split() == its
 
 
+@pytest.mark.medium
 def test_what_is_within_needs_not_enter_and_has_the_commands_exit_code(board: EmulatedBoard) -> None:
     code = (
         "import sys; from xitl_cli.plugins.board.namespace import shares_network as shares; "

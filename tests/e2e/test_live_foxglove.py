@@ -243,6 +243,7 @@ def test_a_page_of_another_site_is_refused_and_a_client_only_reads_by_default(tm
     assert results[0].summary["live"]["refused_connections"] == 8
 
 
+@pytest.mark.medium
 def test_a_port_that_is_taken_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import socket
 

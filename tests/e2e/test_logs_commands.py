@@ -62,6 +62,7 @@ def test_info_of_a_damaged_log_says_where(logs: Run, tmp_path: Path) -> None:
     assert "at byte " in told.stdout
 
 
+@pytest.mark.medium
 def test_dump_rows_that_a_condition_holds_of(logs: Run) -> None:
     told = logs("dump", str(CALM), "att", "--fields", "roll,Yaw", "--where", "abs(Roll) > 0.1 and time_s < 90")
     assert told.returncode == 0

@@ -148,6 +148,7 @@ def test_a_path_is_named_as_one_likes(tmp_path: Path) -> None:
             reader(str(tmp_path / "none"))
 
 
+@pytest.mark.medium
 def test_a_table_becomes_a_data_frame() -> None:
     pytest.importorskip("pandas")
     with xitl.open_log(CALM) as log:

@@ -139,6 +139,7 @@ def balls() -> Iterator[Renderer]:
     renderer.close()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     "spec",
     [

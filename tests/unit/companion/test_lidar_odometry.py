@@ -92,6 +92,7 @@ def test_a_lost_cloud_is_a_longer_step(drive: list) -> None:
     assert odometry.poses_refused == 0
 
 
+@pytest.mark.medium
 def test_bad_clouds_are_refused_and_counted(drive: list) -> None:
     odometry = LidarOdometry()
     stamp_ns, points, offset = drive[0]

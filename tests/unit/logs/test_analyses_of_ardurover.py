@@ -38,6 +38,7 @@ def findings(sections: dict[str, Section]) -> dict[str, Severity]:
     return {finding.key: finding.severity for section in sections.values() for finding in section.findings}
 
 
+@pytest.mark.medium
 def test_a_healthy_log_is_worth_one_notice(sections: dict[str, dict[str, Section]]) -> None:
     for name in ("calm", "gust"):
         assert findings(sections[name]) == {"vehicle.simulated": Severity.NOTICE}

@@ -110,6 +110,7 @@ def test_a_misspelt_name_is_told_with_its_neighbour(ask: Any, sentence: str, kin
     assert str(told.value) == sentence
 
 
+@pytest.mark.medium
 def test_pandas_gets_all_rows_with_time_and_units() -> None:
     table = every_kind(rows=5, first_ns=2_000_000_000)
     frame = table.to_pandas()

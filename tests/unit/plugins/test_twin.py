@@ -59,6 +59,7 @@ def followed(weak_port: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple
     return *follow(open_boat(str(weak_port)), folder), folder / "twin.mcap"
 
 
+@pytest.mark.medium
 def test_the_weak_propeller_is_named_with_onset_and_size(followed: tuple[TwinReport, list[str], Path]) -> None:
     report, told, _ = followed
     alarm = report.alarms[0]
@@ -78,6 +79,7 @@ def test_a_replay_repeats_bit_for_bit(
     assert again.as_json() == followed[0].as_json()
 
 
+@pytest.mark.medium
 def test_the_recording_has_boat_ghost_evidence_and_raw_frames(
     followed: tuple[TwinReport, list[str], Path],
 ) -> None:
@@ -90,6 +92,7 @@ def test_the_recording_has_boat_ghost_evidence_and_raw_frames(
         assert report.frames > 1000
 
 
+@pytest.mark.medium
 def test_the_graph_is_a_real_autopilot_with_a_virtual_model(followed: tuple[TwinReport, list[str], Path]) -> None:
     """By hand: LS, LC, LA real with degree 3; PS1 with 3 and M with 4 virtual: (3 · 2 + 0.5 · (2 + 3)) / 9 / 4."""
     wdri = followed[0].wdri

@@ -165,6 +165,7 @@ def test_a_copy_of_a_state_goes_on_alone(copied: Callable[[VesselState], VesselS
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda simulated: pickle.loads(pickle.dumps(simulated))])
 def test_a_copy_of_a_simulation_computes_the_same(copied: Callable[[Simulation], Simulation]) -> None:
     simulated, draw = simulation("vehicles/wamv16", "random"), np.random.default_rng(9)

@@ -77,6 +77,7 @@ def arrays(state: SimulationState) -> list[Array]:
     return [*motion, vessel.rotor_speed, *held]
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("steps", [0, 8, 83])
 def test_a_restarted_vessel_lies_at_rest_and_the_others_are_untouched(steps: int) -> None:
     simulation = world()

@@ -92,6 +92,7 @@ def test_a_held_vessel_sails_on_as_after_steps_whose_motion_was_discarded() -> N
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.medium
 def test_step_leaves_its_arguments_alone() -> None:
     simulation, rng = rough(1)
     state = sailed(simulation, rng, 5)

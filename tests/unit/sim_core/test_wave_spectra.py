@@ -41,6 +41,7 @@ def test_dispersion_limits() -> None:
     np.testing.assert_allclose(wave_number(omega, 1e-4), omega / np.sqrt(GRAVITY_MPS2 * 1e-4), rtol=1e-3)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("density", [pierson_moskowitz, jonswap])
 def test_spectra_hold_the_energy_of_hs(density) -> None:
     energy = quad(lambda w: density(np.array([w]), HS_M, TP_S)[0], 0.3 * PEAK, 40.0 * PEAK, limit=400, points=[PEAK])[0]

@@ -155,6 +155,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Flight, dict[str, l
     return fly(path), rows_of(path)
 
 
+@pytest.mark.medium
 def test_attitude_and_motor_outputs_of_every_cycle(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     assert [row.TimeUS for row in rows["ATT"]] == [entry[0] for entry in flight.diary]
@@ -168,6 +169,7 @@ def test_attitude_and_motor_outputs_of_every_cycle(flown: tuple[Flight, dict[str
     assert max(out.C1 for out in rows["RCOU"]) > 1600
 
 
+@pytest.mark.medium
 def test_position_is_the_boats(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     truth = {entry[0]: entry for entry in flight.diary}
@@ -235,6 +237,7 @@ def test_a_fix_has_gps_week_and_time_once_there_is_a_date(tmp_path: Path, dated:
     assert (row.GWk, row.GMS) == (told if dated else (0, 0))
 
 
+@pytest.mark.medium
 def test_what_changed_is_told_once_and_in_time(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     changes = [
@@ -257,6 +260,7 @@ def test_what_changed_is_told_once_and_in_time(flown: tuple[Flight, dict[str, li
     assert "ERR" not in rows
 
 
+@pytest.mark.medium
 def test_parameters_at_first_and_when_they_change(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     names = list(flight.autopilot.parameters)
@@ -267,6 +271,7 @@ def test_parameters_at_first_and_when_they_change(flown: tuple[Flight, dict[str,
     assert first["COMPASS_OFS_X"].Default == pytest.approx(0.01)
 
 
+@pytest.mark.medium
 def test_mission_and_navigation(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     items = flight.autopilot.navigator.mission.items
@@ -289,6 +294,7 @@ def test_mission_and_navigation(flown: tuple[Flight, dict[str, list[Any]]]) -> N
     assert math.isnan(rows["ATT"][0].DesYaw), "nothing is steered for before the start"
 
 
+@pytest.mark.medium
 def test_estimates(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     estimates = {entry[0]: entry[1] for entry in flight.diary}
@@ -314,6 +320,7 @@ def test_ratios_are_logged_as_their_roots(tmp_path: Path) -> None:
     assert pytest.approx((0.5, 0.2, 1.2, 0.1)) == (row.SP, row.SV, row.SH, row.SM)
 
 
+@pytest.mark.medium
 def test_messages_and_the_name_of_the_mode_in_a_readers_eyes(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
     texts = [row.Message for row in rows["MSG"]]
@@ -329,6 +336,7 @@ def test_messages_and_the_name_of_the_mode_in_a_readers_eyes(flown: tuple[Flight
     assert seen == [("AUTO", True), ("HOLD", True)]
 
 
+@pytest.mark.medium
 def test_performance_windows(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     _, rows = flown
     assert len(rows["PM"]) >= 3

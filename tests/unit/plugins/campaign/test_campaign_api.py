@@ -50,6 +50,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[int | None]:
     return asked
 
 
+@pytest.mark.medium
 def test_a_plan_becomes_a_table(here: list[int | None]) -> None:
     table = xitl.campaign("plan.yaml", out="out", workers=2)
     assert here == [2]

@@ -57,6 +57,7 @@ def parent_and_session(pid: int) -> tuple[int, int]:
     return int(fields[1]), int(fields[3])
 
 
+@pytest.mark.medium
 def test_exit_codes_and_errors_are_those_of_the_command(started: Started) -> None:
     for arguments, code, text in (
         (("--version",), 0, ""),
@@ -70,6 +71,7 @@ def test_exit_codes_and_errors_are_those_of_the_command(started: Started) -> Non
     assert Path("run/summary.json").exists()
 
 
+@pytest.mark.medium
 def test_a_run_has_its_own_session_folder_and_mark_and_its_end_leaves_the_server(
     started: Started, tmp_path: Path
 ) -> None:
@@ -100,6 +102,7 @@ def test_a_run_whose_server_is_killed_counts_as_killed_and_another_server_takes_
     again.release()
 
 
+@pytest.mark.medium
 def test_modules_that_a_run_needed_are_imported_before_the_next(servers: RunServers, started: Started) -> None:
     assert "agent.assembly" not in servers.modules
     run = started("sim", "sitl", "--duration", "0.1", "--out", "run", mark="learned")

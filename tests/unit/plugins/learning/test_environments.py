@@ -240,6 +240,7 @@ def test_wrong_shapes_are_named(changes: dict[str, Any], action: Array, message:
         env.step(action)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

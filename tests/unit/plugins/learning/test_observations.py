@@ -69,6 +69,7 @@ def test_flows_are_seen_from_the_bow(part: str, field: str) -> None:
     )
 
 
+@pytest.mark.medium
 def test_the_way_to_the_goal_is_ahead_when_the_bow_points_at_it() -> None:
     env = made(
         observe=["to_goal"],

@@ -53,6 +53,7 @@ def test_an_analysis_that_raises_is_a_failure_with_its_package_and_line(install:
     assert len(json.loads(done.stdout)["files"][0]["sections"]) > 3
 
 
+@pytest.mark.medium
 def test_a_result_that_is_no_section_is_a_failure(install: Install) -> None:
     install("xitl-depth", "def analyse(log):\n    return 'deep'\n", log_analyses="depth = xitl_depth:analyse")
     assert analyze("--section", "depth").exit_code == 1

@@ -63,6 +63,7 @@ def test_a_format_that_fails_is_one_sentence(install: Install, log: Path, code: 
     assert xitl("export", str(log), "ATT", "--format", "csv").exit_code == 0
 
 
+@pytest.mark.medium
 def test_a_format_without_a_package_names_the_known_ones(log: Path) -> None:
     with pytest.raises(
         LogError, match=r"'counts' is not known; choose from csv, parquet, mcap, .*, or install the pac"
@@ -91,6 +92,7 @@ def test_a_replay_that_fails_is_a_note_of_the_report(install: Install, log: Path
     assert "list: the plug-in of xitl-list 1.2 failed (ZeroDivisionError" in page[start : start + 200]
 
 
+@pytest.mark.medium
 def test_a_replay_without_a_package_is_refused_first(log: Path) -> None:
     with pytest.raises(UserError, match=r"list: no installed package registers it in xitl\.log_replays"):
         CliRunner().invoke(

@@ -83,6 +83,7 @@ def test_it_is_said_to_a_person_too(run: Path, tmp_path: Path) -> None:
     assert (tmp_path / "map.pcd").is_file()
 
 
+@pytest.mark.medium
 def test_what_cannot_be_mapped_is_said(run: Path, tmp_path: Path, golden: Golden) -> None:
     recorder = Recorder(tmp_path / "dry.mcap", "lz4")
     recorder.write(1, FaultEvent("link-cut", active=True))

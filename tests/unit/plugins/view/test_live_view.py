@@ -98,6 +98,7 @@ def parts(profile: RunProfile, page: Page, tmp_path: Path, pace: Lockstep, contr
         yield node, watch, plant, recorder
 
 
+@pytest.mark.medium
 def test_it_says_where_it_is_and_gives_the_scene_at_once(parts: Parts, page: Page) -> None:
     assert page.said[-1].startswith("view: http://127.0.0.1:")
     (start,) = page.received()
@@ -105,6 +106,7 @@ def test_it_says_where_it_is_and_gives_the_scene_at_once(parts: Parts, page: Pag
     assert start.title == "mitl"
 
 
+@pytest.mark.medium
 def test_an_instant_is_given_when_it_is_asked_for_and_due(parts: Parts, page: Page) -> None:
     node, _, plant, _ = parts
     page.received()
@@ -132,6 +134,7 @@ def test_an_instant_is_given_when_it_is_asked_for_and_due(parts: Parts, page: Pa
     assert (view["shown"], view["skipped"], view["browsers"]) == (2, 1, 1)
 
 
+@pytest.mark.medium
 def test_a_view_that_is_gone_is_told_once(parts: Parts, page: Page) -> None:
     node, *_ = parts
     page.close()
@@ -144,6 +147,7 @@ def test_a_view_that_is_gone_is_told_once(parts: Parts, page: Page) -> None:
     assert node.report()["warnings"] == ["the 3D view has ended; the run continues without it"]
 
 
+@pytest.mark.medium
 def test_what_nobody_reads_is_bounded(parts: Parts, page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     node, *_ = parts
     monkeypatch.setattr(view_node, "MOST_WAITING_BYTES", 0)
@@ -157,6 +161,7 @@ def test_what_nobody_reads_is_bounded(parts: Parts, page: Page, monkeypatch: pyt
     assert node.report()["view"]["skipped"] == 1
 
 
+@pytest.mark.medium
 def test_without_an_operator_an_action_is_refused(parts: Parts, page: Page) -> None:
     node, *_ = parts
     page.received()
@@ -190,6 +195,7 @@ class StubOperator:
         return None
 
 
+@pytest.mark.medium
 @OPERATED
 def test_it_keeps_real_time_while_somebody_looks_and_lets_go_later(parts: Parts, page: Page) -> None:
     node, *_ = parts
@@ -214,6 +220,7 @@ def test_it_keeps_real_time_while_somebody_looks_and_lets_go_later(parts: Parts,
     assert after(view_node.ALONE_S) == [{"action": "pace", "factor": None}]
 
 
+@pytest.mark.medium
 @OPERATED
 def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(
     parts: Parts, page: Page, golden: Golden
@@ -241,6 +248,7 @@ def test_a_pause_stays_when_the_last_browser_closes_and_the_terminal_says_so(
     assert len(page.said) == told
 
 
+@pytest.mark.medium
 @OPERATED
 @pytest.mark.parametrize(("paused_by", "resumed"), [("view", True), ("foxglove", False)])
 def test_a_view_that_is_gone_ends_its_own_pause_alone(parts: Parts, page: Page, paused_by: str, resumed: bool) -> None:
@@ -256,6 +264,7 @@ def test_a_view_that_is_gone_ends_its_own_pause_alone(parts: Parts, page: Page, 
     assert node.report()["warnings"][0].endswith("; its pause has ended") == resumed
 
 
+@pytest.mark.medium
 def test_debris_that_waits_for_the_next_exchange_is_drawn_where_it_will_be(parts: Parts, page: Page) -> None:
     node, _, plant, _ = parts
     operator = StubOperator()
@@ -284,6 +293,7 @@ def test_debris_that_waits_for_the_next_exchange_is_drawn_where_it_will_be(parts
     assert launched.bodies[0].attitude_wxyz == pytest.approx(instant.bodies[0].attitude_wxyz)
 
 
+@pytest.mark.medium
 def test_a_guided_target_takes_the_place_of_the_waypoint(parts: Parts, control: ControlNode) -> None:
     _, watch, *_ = parts
     control.progress = replace(control.progress, target=1)
@@ -295,6 +305,7 @@ def test_a_guided_target_takes_the_place_of_the_waypoint(parts: Parts, control: 
     assert guided.target_enu_m is None
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("pace", [view_node.OperatedLockstep(lambda: False, 4.0)])
 def test_a_pace_that_was_given_is_kept(parts: Parts, page: Page) -> None:
     node, *_ = parts
@@ -306,6 +317,7 @@ def test_a_pace_that_was_given_is_kept(parts: Parts, page: Page) -> None:
     assert operator.asked == []
 
 
+@pytest.mark.medium
 def test_clouds_are_where_the_vessel_was(parts: Parts) -> None:
     _, watch, plant, recorder = parts
     points = np.array([[2.0, 1.0, -0.5], [3.0, 0.0, 0.0]], dtype=np.float32)
@@ -320,6 +332,7 @@ def test_clouds_are_where_the_vessel_was(parts: Parts) -> None:
     assert watch.instant(0, 0).clouds["lidar"] is drawn
 
 
+@pytest.mark.medium
 def test_words_and_misses_are_passed_on(parts: Parts) -> None:
     _, watch, _, recorder = parts
     recorder.log(2_500_000_000, 4, "autopilot", "Failsafe")
@@ -329,6 +342,7 @@ def test_words_and_misses_are_passed_on(parts: Parts) -> None:
     assert watch.instant(0, 5).numbers["deadline misses"] == 7
 
 
+@pytest.mark.medium
 def test_the_instruments_have_speeds_and_battery(parts: Parts) -> None:
     _, watch, plant, recorder = parts
     numbers = watch.instant(0, 0).numbers
@@ -342,6 +356,7 @@ def test_the_instruments_have_speeds_and_battery(parts: Parts) -> None:
     assert (numbers["battery V"], numbers["battery used Ah"]) == (24.5, 0.25)
 
 
+@pytest.mark.medium
 def test_a_map_of_another_place_is_refused_before_the_run_begins(page: Page, tmp_path: Path) -> None:
     path = tmp_path / "map.geojson"
     path.write_text('{"type": "Point", "coordinates": [10.0, 50.0]}')

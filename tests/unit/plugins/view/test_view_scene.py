@@ -93,6 +93,7 @@ def test_what_is_no_scene_says_so() -> None:
         read_scene_updates(b"\xff\xff\xff")
 
 
+@pytest.mark.medium
 def test_the_water_is_that_of_the_run() -> None:
     """Drawn at a place and an instant where the simulation itself has it, near the vessel."""
     profile = load_profile("sitl").runnable()

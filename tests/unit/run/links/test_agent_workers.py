@@ -70,6 +70,7 @@ def linked(peer: Peer) -> tuple[Link, list[bytes]]:
     return link, frames
 
 
+@pytest.mark.medium
 def test_each_says_and_logs_what_one_in_process_does(workers: AgentWorkers, tmp_path: Path) -> None:
     """Three in two processes, all given their ticks before the first is heard."""
     folders = [tmp_path / name for name in ("alone", "a", "b", "c")]
@@ -94,6 +95,7 @@ def test_each_says_and_logs_what_one_in_process_does(workers: AgentWorkers, tmp_
     assert [log == logs[0] for log in logs[1:]] == [True] * 3
 
 
+@pytest.mark.medium
 def test_one_that_cannot_be_made_says_why_and_the_next_is(workers: AgentWorkers, tmp_path: Path) -> None:
     options = own_options(AgentOptions(controller=str(tmp_path / "nowhere.py")))
     with pytest.raises(UserError, match=r"nowhere\.py"):

@@ -117,6 +117,7 @@ def test_those_who_keep_station_or_part_have_no_encounter() -> None:
     assert said == []
 
 
+@pytest.mark.medium
 def test_overtaking_stays_overtaking_when_she_is_abeam() -> None:
     """Rule 13 (d): what is abeam later has begun astern."""
     watch, said = sail([(0.0, 0.0), (-60.0, 8.0)], [(1.0, 0.0), (4.0, 0.0)], 40.0)

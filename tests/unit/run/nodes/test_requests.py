@@ -44,6 +44,7 @@ def exchange(operator: OperatorNode, plant: Plant) -> None:
     operator.exchange(RunStep(1, plant.state.time_ns, view, view.motion(), view.held))
 
 
+@pytest.mark.medium
 def test_a_current_changes_and_its_tide_does_not(parts: Parts) -> None:
     operator, _ = parts
     refused = operator.ask({"action": "current", "tide": {"flood_deg": 0, "peak_mps": 1}})
@@ -52,6 +53,7 @@ def test_a_current_changes_and_its_tide_does_not(parts: Parts) -> None:
     assert operator.ask({"action": "current", "speed_mps": 0.4}) is None
 
 
+@pytest.mark.medium
 def test_a_launch_waits_for_the_exchange_and_is_known_before(parts: Parts) -> None:
     operator, plant = parts
     assert operator.waiting_launches == ()
@@ -68,6 +70,7 @@ def test_a_launch_waits_for_the_exchange_and_is_known_before(parts: Parts) -> No
     assert debris.yaw_rad == pytest.approx(foreseen.yaw_rad)
 
 
+@pytest.mark.medium
 def test_a_refused_launch_does_not_wait(parts: Parts) -> None:
     operator, plant = parts
     north_m, east_m = plant.vessels[0].motion().pos_ned_m[0, :2].tolist()
@@ -77,6 +80,7 @@ def test_a_refused_launch_does_not_wait(parts: Parts) -> None:
     assert operator.waiting_launches == ()
 
 
+@pytest.mark.medium
 def test_a_pause_has_the_source_that_asked_for_it(parts: Parts) -> None:
     operator, _ = parts
     assert operator.paused_by is None

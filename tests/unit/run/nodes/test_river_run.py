@@ -41,6 +41,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pat
     return run(profile, out, False, NoDisplay).summary, out / "run.mcap"
 
 
+@pytest.mark.medium
 def test_the_summary_tells_what_was_launched_and_hit(ended: tuple[dict[str, Any], Path]) -> None:
     summary, _ = ended
     assert summary["error"] is None
@@ -51,6 +52,7 @@ def test_the_summary_tells_what_was_launched_and_hit(ended: tuple[dict[str, Any]
     assert set(collisions["by"]) <= {"trunk", "log boom"}
 
 
+@pytest.mark.medium
 def test_the_recording_has_the_bodies(ended: tuple[dict[str, Any], Path]) -> None:
     bodies = said(ended[1], "/truth/bodies")
     assert {(body.number, body.kind) for body in bodies} == {(0, "plants"), (1, "trunk")}
@@ -58,6 +60,7 @@ def test_the_recording_has_the_bodies(ended: tuple[dict[str, Any], Path]) -> Non
     assert len([body for body in bodies if body.number == 1]) == pytest.approx(110, abs=2)
 
 
+@pytest.mark.medium
 def test_the_bodies_are_drawn_where_they_are(ended: tuple[dict[str, Any], Path]) -> None:
     draw_encounters, placed = [], {}
     with ended[1].open("rb") as file:
@@ -72,12 +75,14 @@ def test_the_bodies_are_drawn_where_they_are(ended: tuple[dict[str, Any], Path])
     assert len(placed) == 2
 
 
+@pytest.mark.medium
 def test_every_collision_is_in_the_recording(ended: tuple[dict[str, Any], Path]) -> None:
     summary, path = ended
     began = [contact for contact in said(path, "/contacts") if contact.began] if summary["collisions"]["count"] else []
     assert [contact.what for contact in began] == [row["what"] for row in summary["collisions"]["list"]]
 
 
+@pytest.mark.medium
 def test_without_a_word_in_the_profile_it_is_open_water() -> None:
     profile = load_profile("sitl").runnable()
     simulation, _ = build_simulation(profile, Seeds(1))

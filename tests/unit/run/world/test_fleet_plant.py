@@ -40,6 +40,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     return build_plant(profiles, Seeds(1), Scenery(profiles[0]))
 
 
+@pytest.mark.medium
 def test_each_vessel_has_its_view(plant: Plant) -> None:
     starboard, port = plant.vessels
     assert isinstance(plant.simulation, Fleet)

@@ -84,6 +84,7 @@ def test_heave_and_roll_swing_as_stiffness_over_mass(model: VesselSpec, rest: At
     assert roll.period_s == pytest.approx(2 * math.pi * math.sqrt(inertia / stiffness), rel=1e-4)
 
 
+@pytest.mark.medium
 def test_top_speed_is_where_thrust_and_drag_meet(model: VesselSpec, checked: VesselCheck) -> None:
     wind = model.wind
     linear = model.damping_linear.surge
