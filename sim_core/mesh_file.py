@@ -18,6 +18,12 @@ class MeshFileError(Exception):
     """Problem of a mesh file and its fix, as text after the file name."""
 
 
+def modified_ns(file: str) -> int:
+    """Return the time of the last change of a file, 0 for none. With it, a cache notices a changed mesh."""
+    path = Path(file)
+    return path.stat().st_mtime_ns if path.is_file() else 0
+
+
 def read_triangles(path: Path) -> tuple[Array, NDArray[int32]]:
     """Read the vertices (V, 3) and faces (F, 3) of everything in the file.
 

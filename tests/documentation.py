@@ -164,24 +164,25 @@ def profile_header_commands() -> list[Command]:
     return found
 
 
-SUPPOSED = (
-    "mine.csv",
-    "boat.bag",
-    "pool-test.csv",
-    "00000042.BIN",
-    "runs/mine/autopilot.bin",
-    "boat.key",
-    "tuned.parm",
-)
-"""Files of the reader's own that pages name."""
+SUPPOSED = {
+    "mine.csv": "",
+    "boat.bag": "",
+    "pool-test.csv": "",
+    "00000042.BIN": "",
+    "runs/mine/autopilot.bin": "",
+    "boat.key": "a-long-passphrase",
+    "tuned.parm": "",
+    "reach.geojson": '{"type": "Point", "coordinates": [-63.951, -8.8055]}',  # where the profile sitl is
+}
+"""Files of the reader's own that pages name, with their texts."""
 
 
 def suppose(directory: Path) -> None:
     """Make the files of the reader's own there, and what comes with the sources."""
     (directory / "examples").symlink_to(ROOT / "examples")
-    for name in SUPPOSED:
+    for name, text in SUPPOSED.items():
         (directory / name).parent.mkdir(parents=True, exist_ok=True)
-        (directory / name).write_text("a-long-passphrase" if name == "boat.key" else "")
+        (directory / name).write_text(text)
         if name.endswith(".key"):
             (directory / name).chmod(0o600)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sim_core.frames import Array
 from sim_core.keys import SpecificationError
-from sim_core.mesh_file import MeshFileError, read_triangles
+from sim_core.mesh_file import MeshFileError, modified_ns, read_triangles
 from sim_core.vessel.spec import DemiHull, HullMesh, HullSection, VisualMesh
 
 ROUND_CORNERS = 32
@@ -98,7 +98,7 @@ def visual_shape(visual: VisualMesh, length_m: float) -> HullShape:
         SpecificationError: the mesh is not available, has holes or encloses nothing, or its size does not fit.
     """
     try:
-        vertices, faces = _closed_mesh(visual, _modified_ns(visual.file))
+        vertices, faces = _closed_mesh(visual, modified_ns(visual.file))
     except MeshFileError as error:
         raise SpecificationError(("visual", "file"), f"= {visual.file} {error}") from error
     drawn_m = float(np.ptp(vertices, axis=0).max())
@@ -186,7 +186,7 @@ def _placed_mesh(hull: DemiHull) -> HullShape:
     """Return the mesh with the middle of its lowest line at the hull's keel."""
     assert hull.mesh is not None
     path = hull.mesh.file
-    vertices, faces = _closed_mesh(hull.mesh, _modified_ns(path))
+    vertices, faces = _closed_mesh(hull.mesh, modified_ns(path))
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     size_m = high - low
     for key, given_m, short, axis in (
@@ -203,11 +203,6 @@ def _placed_mesh(hull: DemiHull) -> HullShape:
             )
     lowest = np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), high[2]])
     return HullShape(vertices - lowest + hull.keel_frd_m, faces)
-
-
-def _modified_ns(file: str) -> int:
-    path = Path(file)
-    return path.stat().st_mtime_ns if path.is_file() else 0
 
 
 @lru_cache(maxsize=16)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeAlias
 
@@ -21,7 +22,7 @@ from numpy import float64, int32
 from numpy.typing import ArrayLike, NDArray
 
 from sim_core.frames import Array, enu_to_ned
-from sim_core.mesh_file import MeshFileError, read_triangles
+from sim_core.mesh_file import MeshFileError, modified_ns, read_triangles
 from sim_core.world.spec import MeshFileSpec
 
 
@@ -180,6 +181,11 @@ def import_mesh(spec: MeshFileSpec) -> tuple[Mesh, str | None]:
     Raises:
         WorldError: no such file, another format, no triangles, or coordinates that are not numbers.
     """
+    return _imported_mesh(spec, modified_ns(spec.file))
+
+
+@lru_cache(maxsize=16)
+def _imported_mesh(spec: MeshFileSpec, stamp_ns: int) -> tuple[Mesh, str | None]:
     path = Path(spec.file)
     try:
         vertices, faces = read_triangles(path)

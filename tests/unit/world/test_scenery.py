@@ -136,7 +136,7 @@ def test_a_mesh_by_file_stands_in_the_scene_and_is_warned_of(tmp_path: Path, gol
 
 def test_a_meshs_path_is_meant_from_its_profile(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
-    (tmp_path / "meshes" / "quay.stl").touch()
+    trimesh.creation.box((4.0, 4.0, 6.0)).export(tmp_path / "meshes" / "quay.stl")
     (tmp_path / "quay.yaml").write_text("world: {meshes: [{file: meshes/quay.stl}]}\n")
     world = load_profile(str(tmp_path / "quay.yaml")).world
     assert world is not None

@@ -81,10 +81,12 @@ def read_features(path: Path) -> list[Feature]:
         raise LogError(
             f"{path}: cannot be read ({error.strerror}); name a GeoJSON or MBTiles file, or a folder"
         ) from error
+    except json.JSONDecodeError as error:
+        if not error.doc.lstrip().startswith("{"):
+            raise _no_chart(path) from error
+        raise LogError(f"{path}: is damaged at line {error.lineno} ({error.msg}); save the file again") from error
     except (ValueError, RecursionError) as error:
-        raise LogError(
-            f"{path}: is no chart; give GeoJSON, MBTiles with raster tiles, or a folder of tiles {{z}}/{{x}}/{{y}}.png"
-        ) from error
+        raise _no_chart(path) from error
     try:
         features = [feature for geometry in read_geometries(document) for feature in _features(geometry)]
     except GeoJsonError as wrong:
@@ -92,6 +94,12 @@ def read_features(path: Path) -> list[Feature]:
     if not features:
         raise LogError(f"{path}: has no polygon, line or point; draw some, or choose another file")
     return features
+
+
+def _no_chart(path: Path) -> LogError:
+    return LogError(
+        f"{path}: is no chart; give GeoJSON, MBTiles with raster tiles, or a folder of tiles {{z}}/{{x}}/{{y}}.png"
+    )
 
 
 def _features(geometry: Geometry) -> Iterator[Feature]:

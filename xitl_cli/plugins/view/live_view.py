@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,13 +23,14 @@ from sim_core.fleet import Fleet
 from sim_core.world.debris import DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from xitl_cli.errors import UserError
-from xitl_cli.logs.charts.chart import Chart, read_chart
+from xitl_cli.logs.charts.chart import Chart
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.plugins.view.camera_images import live_image
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
 from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewInstant
 from xitl_cli.plugins.view.scene import NO_WAVES, scene_waves
 from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
+from xitl_cli.profile.checks.view import mission_chart
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.foxglove_types import foxglove_type
 from xitl_cli.record.topics import SONAR_POINT, camera_topic
@@ -321,7 +321,11 @@ class LiveViewNode(RunNode):
     def prepare(self) -> None:
         """Start the view process, print its address and, if the profile asks for it, open a browser."""
         check_view_extra()
-        self._chart = _chart_of(self._profiles)
+        if (file := self._profiles[0].view.map) is not None:
+            try:
+                self._chart = mission_chart(file, self._profiles)
+            except LogError as error:  # it has changed since the check of the profile
+                raise UserError(f"view.map = {error}") from error
         listener, self._address = listen(self._spec.host, self._spec.port)
         with listener:
             self._page.start([listener])
@@ -504,20 +508,6 @@ class LiveViewNode(RunNode):
             },
             "warnings": [self._ended] if self._ended else [],
         }
-
-
-def _chart_of(profiles: Sequence[RunProfile]) -> Chart | None:
-    """Return the chart of `view.map` around the missions. Raises UserError as `read_chart` raises LogError."""
-    lead = profiles[0]
-    if lead.view.map is None:
-        return None
-    course = [place for profile in profiles for place in profile.mission.course_ned_m]
-    places = np.array([(east_m, north_m) for north_m, east_m in course] or [(0.0, 0.0)])
-    site = lead.site
-    try:
-        return read_chart(Path(lead.view.map), (site.latitude_deg, site.longitude_deg, site.altitude_m), places)
-    except LogError as error:
-        raise UserError(f"view.map = {error}") from error
 
 
 class ViewOutput(LiveOutput):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from xitl_cli.profile.checks import agents, faults, fleet, graph, link, operation, sensors, world
+from xitl_cli.profile.checks import agents, faults, fleet, graph, link, operation, sensors, view, world
 from xitl_cli.profile.files.entry import KeyPath
 from xitl_cli.profile.schema import Profile
 
@@ -14,6 +14,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     yield from check_vessel(profile)
     yield from fleet.check_alone(profile)
     yield from operation.check_technique(profile, [profile])
+    yield from view.check(profile, [profile])
 
 
 def check_vessel(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
@@ -26,3 +27,4 @@ def check_fleet(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """Yield the findings on all vessels together, each of which is valid by itself."""
     yield from operation.check_technique(profile, list(profile.sailed.values()))
     yield from fleet.check(profile)
+    yield from view.check(profile, list(profile.sailed.values()))

@@ -5,27 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from sim_core.sensors.camera_spec import CameraSpec
+from xitl_cli.errors import UserError
 from xitl_cli.profile.checks.link import problem_of_url
 from xitl_cli.profile.checks.world import is_file
 from xitl_cli.profile.files.entry import KeyPath, dotted, finding, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.profile.schema.sensors import sampled_sensors
+from xitl_cli.registry import DETECTORS, guarded, load, names
 
 _NS = 1_000_000_000
 _SERVE = "use udp://127.0.0.1:9092, serial:///dev/ttyUSB0?baud=115200 or serial://pty"
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Yield rates that do not divide, a wind vane without a user of its wind, and a sonar that cannot be served."""
+    """Yield rates that do not divide, and detectors, wind vanes and sonars that a run cannot use."""
     yield from _rate_problems(profile)
     if profile.sensors is None:
         return
     for number, camera in enumerate(profile.sensors.cameras):
-        model = None if camera.detector is None else camera.detector.model
-        if model is not None and not is_file(model):
-            path = ("sensors", "cameras", number, "detector", "model")
-            yield path, f"{dotted(path)}: {model} does not exist; check the path"
+        yield from _detector(camera, ("sensors", "cameras", number, "detector"))
     autopilot, sonar = profile.autopilot, profile.sensors.sonar
     if profile.sensors.wind_vane is not None and autopilot is not None and autopilot.bridge.world is None:
         yield finding(
@@ -41,6 +41,27 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             problem = problem_of_url(sonar.serve)
         if problem is not None:
             yield finding("sensors.sonar.serve", f"= {shown(sonar.serve)} {problem}")
+
+
+def _detector(camera: CameraSpec, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:
+    """Yield a detector that no package has, and a network that is missing or cannot be used."""
+    keys = camera.detector
+    if keys is None:
+        return
+    if keys.model is not None:
+        path = (*path, "model")
+        if not is_file(keys.model):
+            yield path, f"{dotted(path)}: {keys.model} does not exist; check the path"
+            return
+    elif keys.kind in names(DETECTORS):
+        return
+    from sim_core.sensors.lens import Lens  # few profiles have networks
+
+    try:
+        lens = Lens.from_spec(camera.lens, camera.width_px, camera.height_px)
+        guarded(DETECTORS, keys.kind, load(DETECTORS, keys.kind), camera, lens)
+    except UserError as error:
+        yield path, f"{dotted(path)}: {error}"
 
 
 def _rate_problems(profile: Profile) -> Iterator[tuple[KeyPath, str]]:

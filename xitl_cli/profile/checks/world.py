@@ -17,7 +17,7 @@ SHORT_STEP_S = 1e-6  # short enough for any vessel
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Yield a vessel that sinks, capsizes or is too stiff, missing files, and an invalid address."""
+    """Yield a vessel that sinks, capsizes or is too stiff, unusable meshes, and an invalid address."""
     if profile.vehicle is not None:
         yield from _afloat(profile.vehicle, profile)
     yield from _short_table(profile)
@@ -29,6 +29,13 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             yield path, f"{key} = {shown(mesh.file)} is not of a known format; use one of {', '.join(MESH_FORMATS)}"
         elif not is_file(mesh.file):
             yield path, f"{key}: {mesh.file} does not exist; check the path"
+        else:
+            from sim_core.world.geometry import WorldError, import_mesh  # few profiles have meshes
+
+            try:
+                import_mesh(mesh)
+            except WorldError as error:
+                yield path, f"{key}: {error}"
     if (control := profile.world.debris.control) is not None:
         problem = problem_of_url(control)
         if problem is None and not control.startswith("udp://"):

@@ -357,16 +357,16 @@ def test_the_instruments_have_speeds_and_battery(parts: Parts) -> None:
 
 
 @pytest.mark.medium
-def test_a_map_of_another_place_is_refused_before_the_run_begins(page: Page, tmp_path: Path) -> None:
-    path = tmp_path / "map.geojson"
-    path.write_text('{"type": "Point", "coordinates": [10.0, 50.0]}')
+def test_the_map_of_the_profile_is_on_the_page(page: Page, tmp_path: Path) -> None:
+    path, site = tmp_path / "map.geojson", load_profile("mitl").runnable().site
+    path.write_text(json.dumps({"type": "Point", "coordinates": [site.longitude_deg, site.latitude_deg]}))
     profile = load_profile("mitl", [f"view.map={path}"]).runnable()
     plant = build_plant([profile], Seeds(1), Scenery(profile))
     node = LiveViewNode([profile], plant, [], lambda: b"", page.said.append, lambda: False, lambda: page.now_s)
-    with pytest.raises(UserError, match=r"view.map = .*map.geojson: is \d+ km away from the track"):
+    path.rename(tmp_path / "later.geojson")
+    with pytest.raises(UserError, match=r"view.map = .*map.geojson: cannot be read"):
         node.prepare()
-    site = profile.site
-    path.write_text(json.dumps({"type": "Point", "coordinates": [site.longitude_deg, site.latitude_deg]}))
+    (tmp_path / "later.geojson").rename(path)
     with ExitStack() as opened:
         opened.callback(node.close)
         recorder = Recorder(tmp_path / "run.mcap", "none")
