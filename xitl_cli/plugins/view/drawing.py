@@ -66,6 +66,8 @@ TRACK: Colour = (255, 120, 40)
 TARGET: Colour = (240, 70, 60)
 GUIDED: Colour = (215, 60, 200)
 OBSTACLE: Colour = (235, 50, 60)
+POST_M = 1.6
+"""Height of the post of an obstacle."""
 WIND: Colour = (245, 245, 250)
 CURRENT: Colour = (40, 150, 255)
 CLOUDS: Mapping[str, Colour] = {"lidar": (255, 90, 60), "sonar": (40, 220, 255), "map": (190, 120, 255)}
@@ -418,6 +420,7 @@ class _VesselDrawing:
         self._estimate: Any = None
         self._clouds: dict[str, tuple[Points, Any]] = {}
         self._obstacles: Any = None
+        self._obstacle_classes: list[Any] = []
         self._obstacles_drawn: tuple[Any, ...] = ()
         self._target: Any = None
         self._guided: Any = None
@@ -561,23 +564,24 @@ class _VesselDrawing:
         centres, radius_m = vessel.obstacles_enu_m, vessel.obstacle_radius_m
         if len(centres) == 0 and self._obstacles is None:
             return
-        drawn = centres.tobytes(), radius_m.tobytes()
+        drawn = centres.tobytes(), radius_m.tobytes(), vessel.obstacle_classes
         if drawn == self._obstacles_drawn:
             return
         self._obstacles_drawn = drawn
         path = self._path.replace("/vessels", "/obstacles", 1)
+        self._draw_obstacle_classes(vessel)
         if len(centres) == 0:
             self._obstacles.remove()
             self._obstacles = None
             return
-        post = shapes.frustum((2.0, 2.0, 1.6), sides=24)
+        post = shapes.frustum((2.0, 2.0, POST_M), sides=24)
         around = np.maximum(radius_m, 0.3)
         self._obstacles = self._api.add_batched_meshes_simple(
             path,
             post.vertices_m,
             post.faces,
             np.tile([1.0, 0.0, 0.0, 0.0], (len(centres), 1)),
-            np.column_stack([centres[:, :2], np.full(len(centres), self._level_m + 0.8)]),
+            np.column_stack([centres[:, :2], np.full(len(centres), self._level_m + 0.5 * POST_M)]),
             batched_scales=np.column_stack([around, around, np.ones(len(centres))]),
             batched_colors=OBSTACLE,
             opacity=0.35,
@@ -585,6 +589,22 @@ class _VesselDrawing:
             cast_shadow=False,
             receive_shadow=False,
         )
+
+    def _draw_obstacle_classes(self, vessel: VesselInstant) -> None:
+        """Write the class of each obstacle above it. Labels that are not needed are hidden, and used again later."""
+        path = self._path.replace("/vessels", "/obstacle classes", 1)
+        classes = [(number, text) for number, text in enumerate(vessel.obstacle_classes) if text]
+        while len(self._obstacle_classes) < len(classes):
+            name = f"{path}/{len(self._obstacle_classes)}"
+            self._obstacle_classes.append(self._api.add_label(name, "", anchor="bottom-center"))
+        for label in self._obstacle_classes[len(classes) :]:
+            label.visible = False
+        for label, (number, text) in zip(self._obstacle_classes, classes, strict=False):
+            east_m, north_m, _ = vessel.obstacles_enu_m[number].tolist()
+            label.position = (east_m, north_m, self._level_m + POST_M)
+            label.visible = True
+            if label.text != text:
+                label.text = text
 
     def draw_streams(self, place: Array, wind_en_mps: tuple[float, float], current_en_mps: tuple[float, float]) -> None:
         """Draw the arrow of the wind above this vessel, and the arrow of the current on the water next to it."""

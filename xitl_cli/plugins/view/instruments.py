@@ -37,6 +37,10 @@ DRAWN = ("wind m/s", "current m/s")
 """Labels of values that the dial shows with their directions."""
 
 
+CLASSES = "class, share of evidence"
+"""Meaning of the texts at obstacles."""
+
+
 @dataclass(frozen=True, slots=True)
 class LegendEntry:
     """A colour of the picture and its meaning."""
@@ -49,6 +53,7 @@ class LegendEntry:
 def legend(instant: ViewInstant, lead: SceneVessel, tracks: Mapping[str, Colour]) -> list[LegendEntry]:
     """Return the legend of an instant. lead: vessel with the arrows. tracks: colours of the tracks by vessel."""
     vessels = instant.vessels.values()
+    classified = any(any(vessel.obstacle_classes) for vessel in vessels)
     entries = [LegendEntry(colour, f"track {name}".rstrip()) for name, colour in tracks.items()]
     parts: list[tuple[Colour, str, bool]] = [
         (MISSION, "mission", bool(len(lead.mission_enu_m)) or any(vessel.waypoints_total for vessel in vessels)),
@@ -58,7 +63,11 @@ def legend(instant: ViewInstant, lead: SceneVessel, tracks: Mapping[str, Colour]
         (OBSTACLE, "obstacle", any(len(vessel.obstacles_enu_m) for vessel in vessels)),
         *((colour, name, any(name in vessel.clouds for vessel in vessels)) for name, colour in CLOUDS.items()),
     ]
-    entries += [LegendEntry(colour, name) for colour, name, shown in parts if shown]
+    entries += [
+        LegendEntry(colour, name, CLASSES if name == "obstacle" and classified else "")
+        for colour, name, shown in parts
+        if shown
+    ]
     return entries + [
         LegendEntry(arrow.colour, arrow.name, f"1 m = {1.0 / arrow.m_per_mps:.2g} m/s")
         for arrow in stream_arrows(lead.length_m)

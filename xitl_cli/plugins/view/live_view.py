@@ -27,7 +27,15 @@ from xitl_cli.logs.charts.chart import Chart
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.plugins.view.camera_images import live_image
 from xitl_cli.plugins.view.messages import ViewEnd, ViewRefusal, ViewStart, ViewUpdate
-from xitl_cli.plugins.view.model import Array, BodyInstant, Points, VesselInstant, ViewEvent, ViewInstant
+from xitl_cli.plugins.view.model import (
+    Array,
+    BodyInstant,
+    Points,
+    VesselInstant,
+    ViewEvent,
+    ViewInstant,
+    obstacle_class,
+)
 from xitl_cli.plugins.view.scene import NO_WAVES, scene_waves
 from xitl_cli.plugins.view.server import ViewAddress, check_view_extra, has_desktop, listen, open_browser
 from xitl_cli.profile.checks.view import mission_chart
@@ -95,7 +103,7 @@ class VesselWatch(RunNode):
         self._lidar: _Seen | None = None
         self._sonar: deque[_Seen] = deque(maxlen=SONAR_PINGS)
         self._drawn: dict[int, tuple[_Seen, Points]] = {}
-        self._obstacles: dict[int, tuple[int, Any, Any]] = {}
+        self._obstacles: dict[int, tuple[int, Any, Any, str]] = {}
         self._battery: dict[str, float] = {}
         self._clocks: dict[str, tuple[float, float, float]] = {}
         self._events: deque[ViewEvent] = deque(maxlen=MOST_EVENTS)
@@ -147,7 +155,7 @@ class VesselWatch(RunNode):
         return _Seen(cloud, position, frames.quat_to_matrix(attitude))
 
     def _on_obstacle(self, stamp_ns: int, number: int, *values: Any) -> None:
-        self._obstacles[number] = stamp_ns, values[3], values[5]
+        self._obstacles[number] = stamp_ns, values[3], values[5], obstacle_class(*values[-2:])
 
     def _on_clock(self, stamp_ns: int, node: str, *values: Any) -> None:
         if node != "PS1":
@@ -168,8 +176,9 @@ class VesselWatch(RunNode):
             estimate_place, estimate_turn = np.array(self._estimate[0]), np.array([w, x, y, z])
         for number in [key for key, value in self._obstacles.items() if now_ns - value[0] > OBSTACLE_S * 1e9]:
             del self._obstacles[number]
-        places = [frames.ned_to_enu(np.asarray(place, dtype=np.float64)) for _, place, _ in self._obstacles.values()]
-        radius = [0.5 * max(float(size[0]), float(size[1])) for _, _, size in self._obstacles.values()]
+        obstacles = self._obstacles.values()
+        places = [frames.ned_to_enu(np.asarray(place, dtype=np.float64)) for _, place, _, _ in obstacles]
+        radius = [0.5 * max(float(size[0]), float(size[1])) for _, _, size, _ in obstacles]
         waypoints = progress.waypoints if progress.waypoints is not None else self._profile.mission.course_ned_m
         others = self._mission.others
         target = None
@@ -199,6 +208,7 @@ class VesselWatch(RunNode):
             self._numbers(status, late),
             guided,
             {name: live_image(*image, self._cameras[name].kind == "depth") for name, image in images.items()},
+            tuple(text for _, _, _, text in obstacles),
         )
 
     def _clouds(self) -> dict[str, Points]:

@@ -159,6 +159,13 @@ class VesselInstant:
     """Target in GUIDED."""
     images: Mapping[str, ViewImage] = field(default_factory=dict)
     """Images of a live view since the previous instant, by camera."""
+    obstacle_classes: tuple[str, ...] = ()
+    """`obstacle_class` of each obstacle; empty without a companion that fuses cameras."""
+
+
+def obstacle_class(label: str, share: float) -> str:
+    """Return the text for the class of an obstacle and its share of the evidence; empty without a class."""
+    return f"{label} {100.0 * share:.0f} %" if label else ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

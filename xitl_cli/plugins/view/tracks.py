@@ -22,7 +22,7 @@ from xitl_cli.logs.signals import Series, SignalSource
 from xitl_cli.logs.signals.missions import mission_versions
 from xitl_cli.logs.signals.series import column_series, make_series
 from xitl_cli.logs.signals.states import vehicle_kind
-from xitl_cli.plugins.view.model import Array, Points, VesselInstant
+from xitl_cli.plugins.view.model import Array, Points, VesselInstant, obstacle_class
 
 Seconds = Callable[[NDArray[np.int64]], Array]
 """Function from stamps (N,) of a log to seconds (N,) on the scene's time line."""
@@ -213,15 +213,23 @@ class ObstacleSightings:
     """(N, 3)."""
     radius_m: Array
     """(N,)."""
+    label: NDArray[np.str_]
+    """(N,), class that the cameras saw, empty for none."""
+    label_share: Array
+    """(N,), 0 to 1."""
 
-    def at(self, time_s: float) -> tuple[Array, Array]:
-        """Return the latest centres (O, 3) and radii (O,) of the obstacles reported within `OBSTACLE_S`."""
+    def at(self, time_s: float) -> tuple[Array, Array, tuple[str, ...]]:
+        """Return the latest centres (O, 3), radii (O,) and classes of the obstacles reported within `OBSTACLE_S`."""
         first, last = np.searchsorted(self.seconds, (time_s - OBSTACLE_S, time_s), side="right")
         if first == last:
-            return np.empty((0, 3)), np.empty(0)
+            return NO_OBSTACLES
         _, newest = np.unique(self.number[first:last][::-1], return_index=True)
         rows = last - 1 - newest
-        return self.centre_enu_m[rows], self.radius_m[rows]
+        classes = map(obstacle_class, self.label[rows].tolist(), self.label_share[rows].tolist())
+        return self.centre_enu_m[rows], self.radius_m[rows], tuple(classes)
+
+
+NO_OBSTACLES = np.empty((0, 3)), np.empty(0), ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -262,7 +270,7 @@ class VesselTrack:
         motors = None if self.motors is None else self.motors.at(time_s)
         tracks = self.clouds.items() if seen else ()
         clouds = {name: points for name, cloud in tracks if (points := cloud.at(time_s)) is not None}
-        obstacles, radius = (np.empty((0, 3)), np.empty(0)) if self.obstacles is None else self.obstacles.at(time_s)
+        obstacles, radius, classes = NO_OBSTACLES if self.obstacles is None else self.obstacles.at(time_s)
         mode, armed = state_at(self.modes, time_s), state_at(self.armed, time_s) is not None
         target = places[reached + 1] if armed and reached < total else None
         return VesselInstant(
@@ -281,6 +289,7 @@ class VesselTrack:
             obstacles,
             radius,
             numbers,
+            obstacle_classes=classes,
         )
 
 
@@ -532,9 +541,12 @@ def _obstacles(log: Log, seconds: Seconds, place: MapPlace) -> ObstacleSightings
         return None
     size = np.asarray(table.values("size_m"), dtype=np.float64)
     centre = ned_to_enu(np.asarray(table.values("position_ned_m"), dtype=np.float64)) + np.asarray(place.shift_enu_m)
+    classified = {"label", "label_share"} <= set(table.columns)  # recordings of earlier versions have no classes
     return ObstacleSightings(
         seconds(table.stamp_ns),
         np.asarray(table.values("id"), dtype=np.int64),
         centre,
         0.5 * np.hypot(size[:, 0], size[:, 1]),
+        table.values("label") if classified else np.full(len(size), ""),
+        table.values("label_share") if classified else np.zeros(len(size)),
     )

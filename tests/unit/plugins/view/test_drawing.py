@@ -31,6 +31,7 @@ from xitl_cli.plugins.view.model import (
     VesselInstant,
     ViewInstant,
     ViewScene,
+    obstacle_class,
 )
 from xitl_cli.plugins.view.scene import NO_WAVES
 
@@ -181,6 +182,19 @@ def test_clouds_obstacles_target_and_debris(drawing: DrawingOnServer) -> None:
     draw(drawing, 0.2, replace(seen, clouds={"lidar": points[:4].copy()}))
     assert node(drawing, "/clouds/vessel/lidar").visible
     assert len(node(drawing, "/clouds/vessel/lidar").points) == 4
+
+
+def test_the_class_of_an_obstacle_is_written_above_it(drawing: DrawingOnServer) -> None:
+    places = np.array([[5.0, 1.0, -0.5], [9.0, 2.0, -0.5], [7.0, 3.0, -0.5]])
+    seen = replace(AT_START, obstacles_enu_m=places, obstacle_radius_m=np.ones(3))
+    draw(drawing, 0.0, replace(seen, obstacle_classes=("", obstacle_class("buoy", 0.924), obstacle_class("boom", 1.0))))
+    first, second = (node(drawing, f"/obstacle classes/vessel/{number}") for number in (0, 1))
+    assert (first.text, second.text) == ("buoy 92 %", "boom 100 %")
+    assert first.position == pytest.approx([9.0, 2.0, 1.6])
+    draw(drawing, 0.1, replace(seen, obstacle_classes=("", "", "vessel 60 %")))
+    assert (first.text, first.position[0], first.visible, second.visible) == ("vessel 60 %", 7.0, True, False)
+    draw(drawing, 0.2, AT_START)
+    assert not first.visible
 
 
 def test_a_guided_target_is_a_mark_until_there_is_none(drawing: DrawingOnServer) -> None:

@@ -88,6 +88,12 @@ def test_the_legend_has_the_colours_that_are_drawn() -> None:
     names = {entry.name: entry.colour for entry in legend(ViewInstant(0.0, {"": full}), BOAT, track)}
     assert marks.items() <= names.items()
     assert "lidar" in names
+    classified = replace(full, obstacle_classes=("buoy 92 %",))
+    texts = [
+        {entry.name: entry.scale for entry in legend(ViewInstant(0.0, {"": vessel}), BOAT, track)}["obstacle"]
+        for vessel in (full, classified)
+    ]
+    assert texts == ["", "class, share of evidence"]
 
 
 @pytest.mark.parametrize(("every_s", "shown_s"), [(0.0, 0.2), (0.5, 0.0)])

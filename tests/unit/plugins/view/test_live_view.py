@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import xitl_cli.plugins.view.live_view as view_node
+from agent.wire import dialect
 from sim_core.world.debris import BodyKind, Launch
 from tests.doubles.side_process import SideProcessDouble
 from tests.golden import Golden
@@ -354,6 +355,19 @@ def test_the_instruments_have_speeds_and_battery(parts: Parts) -> None:
     recorder.write(0, BatteryMessage(24.5, 3.0, 0.25))
     numbers = watch.instant(0, 0).numbers
     assert (numbers["battery V"], numbers["battery used Ah"]) == (24.5, 0.25)
+
+
+@pytest.mark.medium
+def test_obstacles_have_the_class_that_the_cameras_saw(parts: Parts) -> None:
+    _, watch, _, recorder = parts
+    for number, label, share in ((1, b"", 0.0), (2, b"buoy", 0.75)):
+        numbers = (0.0, 8.0, 0.0, number, 9, 5, 0.1, share, label)  # from the heading on
+        place, still, size = [5.0 * number, 2.0, 0.0], [0.0, 0.0, 0.0], [1.0, 3.0, 1.0]
+        message = dialect.MAVLink_xitl_obstacle_message(0, place, still, size, *numbers)
+        recorder.perception.obstacle(0, message)
+    instant = watch.instant(0, 0)
+    assert instant.obstacle_classes == ("", "buoy 75 %")
+    assert instant.obstacles_enu_m.tolist() == [[2.0, 5.0, 0.0], [2.0, 10.0, 0.0]]
 
 
 @pytest.mark.medium

@@ -25,7 +25,7 @@ from xitl_cli.plugins.view import pictures
 from xitl_cli.plugins.view.camera import FOLLOW, usual_pose
 from xitl_cli.plugins.view.recording import action_text, open_scene
 from xitl_cli.plugins.view.replay_page import checked_span
-from xitl_cli.plugins.view.tracks import heading_deg
+from xitl_cli.plugins.view.tracks import ObstacleSightings, heading_deg
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotionEstimate, MotorCommand
 
@@ -255,3 +255,18 @@ def test_a_picture_from_behind_is_taken_by_the_camera_of_the_live_view(tmp_path:
     offset_m = np.subtract(camera.position_enu_m, instant.vessels[""].position_enu_m)
     assert offset_m == pytest.approx(usual_pose(FOLLOW, length_m).offset_m(0.0))  # it heads east
     assert offset_m[0] < 0.0 < offset_m[2]
+
+
+def test_obstacles_of_a_recording_have_their_latest_class() -> None:
+    sightings = ObstacleSightings(
+        np.array([1.0, 1.0, 2.0, 2.0]),
+        np.array([1, 2, 1, 2]),
+        np.arange(12.0).reshape(4, 3),
+        np.ones(4),
+        np.array(["", "", "buoy", ""]),
+        np.array([0.0, 0.0, 0.75, 0.0]),
+    )
+    centres, _, classes = sightings.at(2.1)
+    assert (centres[:, 0].tolist(), classes) == ([6.0, 9.0], ("buoy 75 %", ""))
+    assert sightings.at(1.5)[2] == ("", "")
+    assert sightings.at(9.0)[2] == ()
