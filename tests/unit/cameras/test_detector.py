@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.random import default_rng
@@ -111,5 +113,15 @@ def test_the_score_counts_detections_and_objects() -> None:
     truth = [seen(right), seen(half), seen((200.0, 0.0, 202.0, 2.0), pixels=4), seen(right, ObjectClass.VESSEL)]
     score.add(found, truth)
     report = score.report()
-    assert report["boom"] == {"detections": 2, "objects": 2, "precision": 0.5, "recall": 0.5}
-    assert report["vessel"] == {"detections": 0, "objects": 1, "precision": None, "recall": 0.0}
+    boom, vessel = report["boom"], report["vessel"]
+    assert [boom[key] for key in ("detections", "objects", "precision", "recall")] == [2, 2, 0.5, 0.5]
+    assert [vessel[key] for key in ("detections", "objects", "precision", "recall")] == [0, 1, None, 0.0]
+
+
+def test_the_recall_is_also_by_size_and_range() -> None:
+    score, near, far = DetectorScore(), (0.0, 0.0, 40.0, 40.0), (100.0, 0.0, 110.0, 10.0)
+    truth = [seen(near, pixels=1600), replace(seen(far, pixels=100), distance_m=45.0)]
+    score.add([Detection("boom", near, 1.0)], truth)
+    report = score.report()["boom"]
+    assert report["by_area"] == {"tiny": {"objects": 1, "recall": 0.0}, "medium": {"objects": 1, "recall": 1.0}}
+    assert report["by_range"] == {"to 15 m": {"objects": 1, "recall": 1.0}, "to 60 m": {"objects": 1, "recall": 0.0}}

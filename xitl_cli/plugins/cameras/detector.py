@@ -292,6 +292,29 @@ def covered(box: Box, others: Sequence[Box]) -> float:
     return float(grid.mean())
 
 
+SCORED = (ObjectClass.BOOM, ObjectClass.VESSEL, ObjectClass.DEBRIS, ObjectClass.BUOY)
+FEWEST_PX = 8**2
+"""Objects with fewer visible pixels are not counted as missed."""
+ENOUGH = 0.5
+AREAS_PX = {"tiny": 16**2, "small": 32**2, "medium": 96**2, "large": math.inf}
+"""Visible pixels below which an object is of a size. The last three are those of COCO; tiny is of AI-TOD (Wang et al.
+2021, "Tiny Object Detection in Aerial Images")."""
+RANGES_M = {"to 15 m": 15.0, "to 30 m": 30.0, "to 60 m": 60.0, "beyond 60 m": math.inf}
+
+
+@dataclass(slots=True)
+class Recall:
+    """Objects of a kind, and how many of them were found."""
+
+    objects: int = 0
+    found: int = 0
+    """Detections of the class cover at least half of the object."""
+
+    def report(self) -> dict[str, Any]:
+        """Return the number of objects and the recall; None without objects."""
+        return {"objects": self.objects, "recall": self.found / self.objects if self.objects else None}
+
+
 @dataclass(slots=True)
 class ClassScore:
     """Detections and objects of one class over a run."""
@@ -299,25 +322,30 @@ class ClassScore:
     right: int = 0
     """Detections of which at least half is on objects of the class."""
     wrong: int = 0
-    found: int = 0
-    """Objects of which detections of the class cover at least half."""
-    missed: int = 0
+    all: Recall = field(default_factory=Recall)
+    by_area: dict[str, Recall] = field(default_factory=lambda: {name: Recall() for name in AREAS_PX})
+    by_range: dict[str, Recall] = field(default_factory=lambda: {name: Recall() for name in RANGES_M})
+
+    def add_object(self, seen: SeenObject, found: bool) -> None:
+        """Count an object of the truth."""
+        area = next(name for name, most_px in AREAS_PX.items() if seen.pixels < most_px)
+        distance = next(name for name, most_m in RANGES_M.items() if seen.distance_m < most_m)
+        for recall in (self.all, self.by_area[area], self.by_range[distance]):
+            recall.objects += 1
+            recall.found += found
 
     def report(self) -> dict[str, Any]:
-        """Return counts, precision and recall; None for a ratio without counts."""
-        detections, objects = self.right + self.wrong, self.found + self.missed
+        """Return counts, precision and recall, and the recall by size and by range; None for a ratio without counts."""
+        detections = self.right + self.wrong
         return {
             "detections": detections,
-            "objects": objects,
+            **self.all.report(),
             "precision": self.right / detections if detections else None,
-            "recall": self.found / objects if objects else None,
+            **{
+                name: {key: recall.report() for key, recall in parts.items() if recall.objects}
+                for name, parts in (("by_area", self.by_area), ("by_range", self.by_range))
+            },
         }
-
-
-SCORED = (ObjectClass.BOOM, ObjectClass.VESSEL, ObjectClass.DEBRIS, ObjectClass.BUOY)
-FEWEST_PX = 60
-"""Objects with fewer visible pixels are not counted as missed."""
-ENOUGH = 0.5
 
 
 @dataclass(slots=True)
@@ -367,10 +395,7 @@ class DetectorScore:
                     score.wrong += 1
             for seen in theirs:
                 if seen.pixels >= FEWEST_PX:
-                    if covered(seen.box_px, ours) >= ENOUGH:
-                        score.found += 1
-                    else:
-                        score.missed += 1
+                    score.add_object(seen, covered(seen.box_px, ours) >= ENOUGH)
 
     def report(self) -> dict[str, Any]:
         """Return the scores by class, and of the horizon if it was found once."""
