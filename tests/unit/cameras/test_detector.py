@@ -78,6 +78,49 @@ def test_the_mirror_image_is_no_part_of_a_buoy() -> None:
     assert found[0].box_px[3] == pytest.approx(151.5, abs=2.0)
 
 
+def test_a_float_against_the_sun_is_darker_than_its_mirror_image() -> None:
+    image = river()
+    image[150:170, 96:240], image[170:200, 96:240] = (110, 40, 10), (190, 150, 120)  # water reflects the sky too
+    boxes = [one.box_px for one in ColourDetector(CAMERA, lens_of(CAMERA)).detect(image) if one.label == "boom"]
+    assert covered((95.5, 149.5, 239.5, 169.5), boxes) > 0.95
+    assert max(bottom for _, _, _, bottom in boxes) <= 172.0
+
+
+def test_a_buoy_in_front_of_a_boom_is_no_mirror_image() -> None:
+    image = river()
+    image[134:142, 40:280], image[142:160, 100:116] = (225, 95, 25), (15, 115, 50)
+    found = [one for one in ColourDetector(CAMERA, lens_of(CAMERA)).detect(image) if one.label != "boom"]
+    assert [one.label for one in found] == ["buoy"]
+    assert covered((99.5, 141.5, 115.5, 159.5), [found[0].box_px]) > 0.8
+
+
+def in_fog(colour: tuple[int, int, int]) -> np.ndarray:
+    """An object of 20 by 16 pixels in fog that leaves little of its colour."""
+    fog, left = np.array([190.0, 192.0, 194.0]), 0.06
+    image = np.empty((240, 320, 3))
+    image[:] = fog
+    image[125:] += left * (np.array([80.0, 75.0, 60.0]) - fog)
+    image[150:166, 100:120] = fog + left * (np.array(colour) - fog)
+    return np.clip(image + default_rng(2).normal(0.0, 1.5, image.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("colour", "label"), [((225, 95, 25), "boom"), ((190, 20, 60), "buoy"), ((15, 115, 50), "buoy")]
+)
+def test_in_fog_a_trace_of_red_or_green_is_enough(colour: tuple[int, int, int], label: str) -> None:
+    detector = ColourDetector(CAMERA, lens_of(CAMERA))
+    found = detector.detect(in_fog(colour))
+    assert {one.label for one in found} == {label}
+    assert covered((99.5, 149.5, 119.5, 165.5), [one.box_px for one in found]) > 0.7
+    assert detector.find_horizon(in_fog(colour)) is None
+    assert not detector.detect(in_fog((80, 75, 60)))
+
+
+def test_a_camera_that_looks_up_finds_nothing() -> None:
+    upward = CameraSpec(width_px=320, height_px=240, pitch_deg=60.0)
+    assert not ColourDetector(upward, lens_of(upward)).detect(river())
+
+
 @pytest.mark.parametrize("slope", [0.0, 0.05, -0.04])
 def test_the_horizon_is_the_line_between_sky_and_water(slope: float) -> None:
     rows, columns = np.mgrid[:240, :320]

@@ -45,12 +45,23 @@ EDGE_PX, LEAST_EDGE = 4, 1.5
 """Of the horizon: rows on either side that are compared, and the least mean root of their difference."""
 SHORE_PX = 3
 """Rows below the horizon that may show a shore, far away."""
-MIRROR_SHARE = 0.85
-"""Brightness of a mirror image, relative to its object, at most."""
+HAZY = 85.0
+"""Lightness of the darkest hundredth of an image in fog, at least, in OpenCV's CIELAB."""
+FOG_BLUR_PX, FOG_SPREAD, FOG_SPREADS = 1.5, 0.3, 3.0
+"""In fog: blur, least spread of the red of a row, and by how many spreads an object differs."""
+FOG_LEAST_PX, FOG_SLIM = 40, 3.0
+"""In fog: smallest area, and how much longer than wide a buoy may be."""
+FOG_ORANGE = (1.7, 3.75), (0.4, 0.65)
+"""In fog: the red that is left of an object, and the least ratio of yellow to red of floats for it."""
+MIRROR_SHARE, FLOAT_SHARE = 0.85, 0.7
+"""Brightness of a mirror image, relative to its object, at most, and least redness of a float, relative to its reddest
+pixel in the same column."""
 LARGEST_M = {ObjectClass.VESSEL: (20.0, 8.0), ObjectClass.BUOY: (3.0, 6.0), ObjectClass.DEBRIS: (12.0, 1.5)}
 """Width and height of the largest object of each class."""
-HULL_M, FARTHEST_M = 1.2, 60.0
+HULL_M, FARTHEST_M, FARTHEST_BOAT_M = 1.2, 60.0, 100.0
 """Width of the narrowest boat. Farther objects are a few pixels, next to the mirror image of the shore."""
+MOST_FILLED = 0.4
+"""Share of a row that a boom may fill where other objects are searched by their difference from the row."""
 WATERLINE_M = 0.15
 """From the body's origin down to the water: a usual value for small boats."""
 
@@ -60,8 +71,9 @@ class ColourDetector:
 
     Water looks much the same along a row, so that the median and the spread of each row describe it. Mirror images are
     darker than their objects and below them. The row of its waterline gives the distance of an object, and so its size.
-    Bright colours are buoys, wide white objects are boats, and everything else is debris. The method is classical and
-    knows the colours of the simulated world: a start, and a measure for better ones.
+    Bright colours are buoys, wide white objects are boats, and everything else is debris. In fog, it finds a boom and
+    buoys that are redder or greener than the water. The method is classical and knows the colours of the simulated
+    world: a start, and a measure for better ones.
     """
 
     def __init__(self, camera: CameraSpec, lens: Lens) -> None:
@@ -75,17 +87,50 @@ class ColourDetector:
 
     def detect(self, image: NDArray[uint8]) -> Sequence[Detection]:
         """Return the objects in an image: see Detector."""
+        if self._highest_row >= len(image):
+            return []  # the camera looks above the water
         lab = _lab(image)
-        found = list(self._boom(lab))
-        # The mirror image of a float is as high as the float, longer in waves.
-        mirrored = [(left, top, right, bottom + 3.0 * (bottom - top)) for left, top, right, bottom in boxes_of(found)]
+        if self._is_hazy(lab):
+            return self._in_fog(image)
+        found = self._boom(lab)
         horizon = self._horizon(lab) or (self._level_row, self._level_row)
-        found += self._afloat(lab, horizon, mirrored)
-        return found
+        return [*found, *self._afloat(lab, horizon, boxes_of(found))]
 
     def find_horizon(self, image: NDArray[uint8]) -> tuple[float, float] | None:
         """Return the rows of the horizon at the first and the last column; None where no line is clear."""
-        return self._horizon(_lab(image))
+        lab = _lab(image)
+        return None if self._is_hazy(lab) else self._horizon(lab)
+
+    def _is_hazy(self, lab: NDArray[float32]) -> bool:
+        """Return whether even the darkest parts of the image are bright (He, Sun and Tang 2009)."""
+        return float(np.percentile(lab[::4, ::4, 0], 1.0)) > HAZY
+
+    def _in_fog(self, image: NDArray[uint8]) -> Sequence[Detection]:
+        """Return the objects whose red or green differs from the water in the same row, in an image without contrast.
+
+        The ratio of yellow to red tells a float from a red buoy. Fog takes the yellow of an object first.
+        """
+        smooth = cv2.GaussianBlur(image.astype(float32) / float32(255.0), (0, 0), FOG_BLUR_PX)
+        below = cv2.cvtColor(smooth, cv2.COLOR_RGB2LAB)[..., 1:]
+        below[: self._highest_row] = 0.0
+        off = below - np.median(below, axis=1, keepdims=True)
+        red = off[..., 0]
+        least = FOG_SPREADS * np.maximum(1.4826 * np.median(np.abs(red), axis=1, keepdims=True), FOG_SPREAD)
+        found, boom = [], np.zeros(red.shape, bool)
+        for mask in (red > least, red < -least):
+            count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(uint8))
+            for number, (x, y, width, height, area) in enumerate(stats[1:count].tolist(), start=1):
+                if area < FOG_LEAST_PX:
+                    continue
+                where = slice(y, y + height), slice(x, x + width)
+                part = labels[where] == number
+                redness, yellowness = np.median(off[where][part], axis=0).tolist()
+                if redness > 0.0 and yellowness > np.interp(redness, *FOG_ORANGE) * redness:
+                    boom[where] |= part
+                elif width < FOG_SLIM * height and height < FOG_SLIM * width:
+                    box = x - 0.5, y - 0.5, x + width - 0.5, y + height - 0.5
+                    found.append(Detection(ObjectClass.BUOY.label, box, min(area / 400.0, 1.0)))
+        return [*_floats(boom, red), *found]
 
     def _horizon(self, lab: NDArray[float32]) -> tuple[float, float] | None:
         """Return the straight line across which most columns change their colour."""
@@ -122,7 +167,7 @@ class ColourDetector:
         half = 0.5 * slope * (columns - 1)
         return middle - half, middle + half
 
-    def _boom(self, lab: NDArray[float32]) -> Sequence[Detection]:
+    def _boom(self, lab: NDArray[float32]) -> list[Detection]:
         red = lab[..., 1] - np.median(lab[self._highest_row :, :, 1])
         # Fog takes the colour of everything alike, so that the reddest pixels below the horizon set the threshold.
         least = max(LEAST_RED, 0.5 * float(np.percentile(red[self._highest_row :], 99.5)))
@@ -130,26 +175,9 @@ class ColourDetector:
         mask[: self._highest_row] = False
         # Floats are orange: a red buoy is less yellow than red.
         mask &= lab[..., 2] - 128.0 > ORANGE * (lab[..., 1] - 128.0)
-        # The mirror image below a float is darker than the float.
-        brightest = np.where(mask, lab[..., 0], 0.0).max(axis=0, keepdims=True)
-        mask &= lab[..., 0] >= 0.8 * brightest
-        # An opening by two by two pixels, whose second half has the opposite anchor, so that nothing moves
-        square = np.ones((2, 2), uint8)
-        orange = cv2.dilate(cv2.erode(mask.astype(uint8), square, anchor=(0, 0)), square, anchor=(1, 1))
-        found = []
-        for left in range(0, orange.shape[1], SLICE_PX):
-            piece = orange[:, left : left + SLICE_PX]
-            if not piece.any():
-                continue
-            _, _, stats, _ = cv2.connectedComponentsWithStats(piece)
-            # Smaller pieces of a slice are mirror images.
-            x, y, width, height, area = max(stats[1:].tolist(), key=lambda one: one[4])
-            if area >= LEAST_PX:
-                box = left + x - 0.5, y - 0.5, left + x + width - 0.5, y + height - 0.5
-                found.append(Detection(ObjectClass.BOOM.label, box, min(area / 200.0, 1.0)))
-        return found
+        return list(_floats(mask, red))
 
-    def _afloat(self, lab: NDArray[float32], horizon: tuple[float, float], taken: Sequence[Box]) -> Sequence[Detection]:
+    def _afloat(self, lab: NDArray[float32], horizon: tuple[float, float], boom: Sequence[Box]) -> Sequence[Detection]:
         rows, columns = lab.shape[:2]
         line = np.linspace(*horizon, columns)
         open_row = int(np.clip(min(horizon) + SHORE_PX, 0, rows))
@@ -160,21 +188,34 @@ class ColourDetector:
         chroma, hue_deg = (np.asarray(part, float32) for part in polar)
         vivid = (chroma > VIVID) & (np.arange(rows)[:, None] >= line - HIGHEST_PX)
         paints = [vivid & _is_between(hue_deg, low, high) for low, high in HUES_DEG]
-        brightest = float(np.percentile(lab[open_row:, :, 0], 90.0))
-        pale = (chroma < PALE) & (lab[..., 0] > max(BRIGHT, BRIGHTER * brightest)) & below
+        lightness = lab[..., 0]
+        bright = np.maximum(BRIGHT, BRIGHTER * np.median(lightness, axis=1, keepdims=True))
+        pale = (chroma < PALE) & (lightness > bright) & below
+        # Where a boom fills half of a row, the median of the row is not the water.
+        filled = np.zeros(rows)
+        for left, top, right, bottom in boom:
+            filled[round(top + 0.5) : round(bottom + 0.5)] += (right - left) / columns
+        differs = below & self._differs(lab, open_row) & (filled < MOST_FILLED)[:, None]
+        # The mirror image of a float is as high as the float, longer in waves. No paint looks like it.
+        mirrored = [(left, top, right, bottom + 3.0 * (bottom - top)) for left, top, right, bottom in boom]
+        masks = [
+            *((paint, chroma, boom) for paint in paints),
+            (pale, lightness, mirrored),
+            (differs, lightness, mirrored),
+        ]
         found: list[Detection] = []
-        shadowed = list(taken)
-        differs = below & self._differs(lab, open_row)
-        masks = [*((paint, chroma) for paint in paints), (pale, lab[..., 0]), (differs, lab[..., 0])]
-        for mask, strength in masks:
-            for box, colour in _objects(lab, mask, strength, shadowed):
+        shadowed: list[Box] = []
+        for mask, strength, taken in masks:
+            for box, colour in _objects(lab, mask, strength, [*taken, *shadowed]):
                 horizon_row = float(line[int(np.clip(0.5 * (box[0] + box[2]), 0, columns - 1))])
                 waterline_px = box[3] - horizon_row
-                if waterline_px < self._height_m * self._focal_px / FARTHEST_M:
+                if waterline_px < self._height_m * self._focal_px / FARTHEST_BOAT_M:
                     continue
                 metres = self._height_m / waterline_px  # of a pixel at the object
                 width_m, height_m = (box[2] - box[0]) * metres, (box[3] - box[1]) * metres
                 kind = _class_of(colour, width_m)
+                if kind is not ObjectClass.VESSEL and waterline_px < self._height_m * self._focal_px / FARTHEST_M:
+                    continue
                 if kind is ObjectClass.VESSEL and box[1] > horizon_row - 1.0:
                     continue  # a boat is higher than the camera, and sky in the water is below the horizon
                 if kind is None or width_m > LARGEST_M[kind][0] or height_m > LARGEST_M[kind][1]:
@@ -199,12 +240,33 @@ class ColourDetector:
 
 ORANGE = 0.95
 """Least ratio of yellow to red of the floats of a boom."""
-VIVID, PALE, BRIGHT, BRIGHTER = 28.0, 14.0, 150.0, 1.1
-"""In OpenCV's CIELAB: chroma of paint, and of white; lightness of white, also as a multiple of bright water."""
+VIVID, PALE, BRIGHT, BRIGHTER = 28.0, 14.0, 150.0, 1.3
+"""In OpenCV's CIELAB: chroma of paint, and of white; lightness of white, also as a multiple of the water's in its row.
+"""
 HUES_DEG = (320.0, 45.0), (70.0, 101.0), (135.0, 200.0), (200.0, 320.0)
 """Of red, yellow, green and blue paint. Grass and leaves are between yellow and green."""
 SIMILAR, HIGHEST_SHARE, HIGHEST_PX = 22.0, 1.0, 80.0
 """Largest difference of colour within an object; how much higher than wide it may be; how far above the horizon."""
+
+
+def _floats(mask: NDArray[np.bool_], red: NDArray[float32]) -> Iterator[Detection]:
+    """Yield the floats of a boom in an orange mask (H, W), in slices and without their mirror images."""
+    # The mirror image below a float is paler than the float, because water reflects the sky too.
+    deepest = np.where(mask, red, 0.0).max(axis=0, keepdims=True)
+    mask = mask & (red >= FLOAT_SHARE * deepest)
+    # An opening by two by two pixels, whose second half has the opposite anchor, so that nothing moves
+    square = np.ones((2, 2), uint8)
+    orange = cv2.dilate(cv2.erode(mask.astype(uint8), square, anchor=(0, 0)), square, anchor=(1, 1))
+    for left in range(0, orange.shape[1], SLICE_PX):
+        piece = orange[:, left : left + SLICE_PX]
+        if not piece.any():
+            continue
+        _, _, stats, _ = cv2.connectedComponentsWithStats(piece)
+        # Smaller pieces of a slice are mirror images.
+        x, y, width, height, area = max(stats[1:].tolist(), key=lambda one: one[4])
+        if area >= LEAST_PX:
+            box = left + x - 0.5, y - 0.5, left + x + width - 0.5, y + height - 0.5
+            yield Detection(ObjectClass.BOOM.label, box, min(area / 200.0, 1.0))
 
 
 def _is_between(hue_deg: Any, low_deg: float, high_deg: float) -> Any:
@@ -227,7 +289,7 @@ def _objects(
     if not mask.any():
         return
     joined = cv2.morphologyEx(mask.astype(uint8), cv2.MORPH_CLOSE, np.ones((3, 3), uint8))
-    joined = cv2.morphologyEx(joined, cv2.MORPH_OPEN, np.ones((3, 3), uint8))
+    joined = cv2.morphologyEx(joined, cv2.MORPH_OPEN, np.ones((2, 3), uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(joined)
     for number, (x, y, width, height, area) in enumerate(stats[1:count].tolist(), start=1):
         if area < LEAST_PX or width > 0.5 * mask.shape[1]:
