@@ -68,6 +68,9 @@ GUIDED: Colour = (215, 60, 200)
 OBSTACLE: Colour = (235, 50, 60)
 POST_M = 1.6
 """Height of the post of an obstacle."""
+CLASS_SCALE = 1.5
+"""Size of the text of a class. The page lays out texts of a size together, and the values of the instruments change
+often."""
 WIND: Colour = (245, 245, 250)
 CURRENT: Colour = (40, 150, 255)
 CLOUDS: Mapping[str, Colour] = {"lidar": (255, 90, 60), "sonar": (40, 220, 255), "map": (190, 120, 255)}
@@ -596,7 +599,9 @@ class _VesselDrawing:
         classes = [(number, text) for number, text in enumerate(vessel.obstacle_classes) if text]
         while len(self._obstacle_classes) < len(classes):
             name = f"{path}/{len(self._obstacle_classes)}"
-            self._obstacle_classes.append(self._api.add_label(name, "", anchor="bottom-center"))
+            self._obstacle_classes.append(
+                self._api.add_label(name, "", anchor="bottom-center", font_screen_scale=CLASS_SCALE)
+            )
         for label in self._obstacle_classes[len(classes) :]:
             label.visible = False
         for label, (number, text) in zip(self._obstacle_classes, classes, strict=False):
