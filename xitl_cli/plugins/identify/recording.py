@@ -240,8 +240,8 @@ def _refuse_jump(source: str, name: str, own: Samples) -> None:
     usual, worst = float(np.percentile(change, 99.0)), int(change.argmax())
     if change[worst] > max(_JUMP_M, _JUMP * usual):
         raise UserError(
-            f"{source}: {name} jumps by {change[worst]:.3g} m at {own.time_s[worst + 1]:.1f} s (usually up to {usual:.2g} m "
-            "between two samples); split the log there, or leave out wrong positions"
+            f"{source}: {name} jumps by {change[worst]:.3g} m at {own.time_s[worst + 1]:.1f} s (99 % of changes: up to "
+            f"{usual:.2g} m); split the log there, or leave out wrong positions"
         )
 
 

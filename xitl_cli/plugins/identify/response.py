@@ -29,7 +29,7 @@ _LAGS = 20
 _FEWEST = 20
 _PUSHES, _TURNS = 1.0, 0.025
 """Least velocity by the commands over that of their turn at the radius of gyration, and the reverse, to compare it."""
-_LATER, _REVERSED, _AGAINST, _AGREES = 0.5, 1.0, -0.6, 0.7
+_LATER, _REVERSED, _AGAINST, _AGREES, _UNRELATED = 0.5, 1.0, -0.6, 0.7, 0.3
 _MEASURED = (("surge", "sway"), ("vel_north", "vel_east"), ("north", "east"))
 _OFF_RAD = np.radians(50.0)
 _FACTOR, _FACTOR_OF_TURNS = 2.5, 4.0
@@ -205,7 +205,16 @@ def _swings(found: Responses) -> str:
     )
 
 
-RULES: tuple[Callable[[Responses], str], ...] = (_late, _reversed, _swapped, _turned, _scaled, _swings)
+def _unrelated(found: Responses) -> str:
+    if max(found.logged.push_agreement, abs(found.logged.turn_agreement)) > _UNRELATED:
+        return ""
+    return (
+        f"the boat does not respond to its commands (correlations {found.logged.push_agreement:.2f} of the velocity, "
+        f"{found.logged.turn_agreement:.2f} of the yaw rate); use commands and motion of one run, with larger steps"
+    )
+
+
+RULES: tuple[Callable[[Responses], str], ...] = (_late, _reversed, _swapped, _turned, _scaled, _swings, _unrelated)
 """The first sentence applies."""
 
 

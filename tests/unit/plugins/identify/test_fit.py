@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,8 @@ from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.fit import SHARED, fit, measured
 from xitl_cli.plugins.identify.free_keys import free_keys, with_values
 from xitl_cli.plugins.identify.identification import Settings, identify, split
-from xitl_cli.plugins.identify.recording import Samples, channel, check_recording
+from xitl_cli.plugins.identify.recording import Quantity, Recording, Samples, channel, check_recording
+from xitl_cli.plugins.identify.response import check_response
 from xitl_cli.plugins.identify.windows import NAMES, OUTPUT_S, Simulator, cut
 from xitl_cli.profile import load_profile
 
@@ -214,6 +216,90 @@ def test_a_heading_that_does_not_turn_as_the_course(factor: float, words: str) -
         check_recording(wrong, 2)
 
 
+def of_channels(run: Recording, *names: Quantity, factor: float = 1.0, added: float = 0.0) -> Recording:
+    changed = {name: Samples(run.channels[name].time_s, factor * run.channels[name].values + added) for name in names}
+    return replace(run, channels={**run.channels, **changed})
+
+
+WRONG: dict[str, tuple[Callable[[Recording], Recording], str]] = {
+    "heading": (
+        lambda run: of_channels(run, "yaw", added=np.pi / 2),
+        r"the commands push the boat (8|9|10)\d° to port of the heading \(correlation 0.\d\d\); subtract",
+    ),
+    "kilometres": (
+        lambda run: of_channels(run, "north", "east", factor=1e-3),
+        r"north and east move 0\.00(08|09|1)\d* times as far .* correct their unit",
+    ),
+    "feet": (
+        lambda run: of_channels(run, "north", "east", factor=3.281),
+        r"north and east move (2\.[5-9]|3.*) times as far .* correct their unit",
+    ),
+    "swapped": (
+        lambda run: replace(run, commands=run.commands[:, ::-1]),
+        r"the boat turns against its commands \(correlation -\d\.\d\d\); exchange the commands of port and starboard",
+    ),
+    "reversed": (
+        lambda run: replace(run, commands=-run.commands),
+        r"the boat moves against its commands .* 1\.\d\d with reversed commands\); exchange full ahead and full astern",
+    ),
+    "unrelated": (
+        lambda run: replace(run, commands=pool_run(boat(), 90.0, 7).commands),
+        r"the boat does not respond to its commands \(correlations \d\.\d\d .* use commands and motion of one run",
+    ),
+    "late": (
+        lambda run: replace(run, command_s=run.command_s + 5.0),
+        r"the motion is 5\.0 s earlier than the commands .* with one clock",
+    ),
+    "early": (
+        lambda run: replace(run, command_s=run.command_s - 5.0),
+        r"the motion is 5\.0 s later than the commands",
+    ),
+}
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_boat_that_does_not_respond_to_its_commands_as_the_vehicle(kind: str) -> None:
+    run, (wrong, words) = pool_run(boat(), 90.0), WRONG[kind]
+    with pytest.raises(UserError, match=f"pool-1: {words}"):
+        identify([wrong(run)], boat(), Water(), Settings())
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("vehicle", "words"),
+    [("wamv16", r"move 0\.[23]\d* times as far as thrust and mass .* begin with the vehicle of this log")],
+)
+def test_the_log_of_another_vehicle(vehicle: str, words: str) -> None:
+    other = load_profile(f"vehicles/{vehicle}").vehicle
+    assert other is not None
+    with pytest.raises(UserError, match=words):
+        check_response(pool_run(boat(), 90.0), other, Water(), 10.0)
+
+
+@pytest.mark.medium
+def test_a_right_log_with_a_wrong_first_vehicle() -> None:
+    keys = free_keys(boat(), (), ())
+    for seed in (1, 2, 3):
+        start = with_values(boat(), keys, np.random.default_rng(seed).uniform(-1.1, 1.1, len(keys)))  # a factor of 3
+        check_response(pool_run(boat(), 90.0, seed, windy=True), start, Water(), 10.0)
+
+
+def test_a_position_that_jumps() -> None:
+    run = pool_run(boat(), 40.0)
+    time_s, values = run.channels["east"].time_s, run.channels["east"].values
+    for jump_m, refused in ((50.0, True), (2.0, False)):  # an estimator corrects itself by a few metres
+        jumping = {**run.channels, "east": Samples(time_s, values + jump_m * (time_s > 20.0))}
+        if refused:
+            with pytest.raises(UserError, match=r"east jumps by (49|50)\S* m at 20\.\d s .*; split the log there"):
+                check_recording(replace(run, channels=jumping), 2)
+        else:
+            check_recording(replace(run, channels=jumping), 2)
+    kept = (time_s < 15.0) | (time_s > 25.0)
+    gap = {**run.channels, "east": Samples(time_s[kept], (values + 50.0 * (time_s > 20.0))[kept])}
+    check_recording(replace(run, channels=gap), 2)
+
+
 @pytest.mark.medium
 def test_rounded_commands_and_means_of_a_fast_sensor() -> None:
     time_s = np.arange(0.0, 10.0, 0.02)
@@ -252,6 +338,7 @@ def test_too_few_windows_and_a_model_that_cannot_follow() -> None:
     with pytest.raises(UserError, match=r"have 2 windows of 10 s to fit; record 60 s"):
         identify([pool_run(boat(), 36.0)], boat(), Water(), settings)
     run = pool_run(boat(), 100.0)
-    crossed = replace(run, commands=-run.commands[:, ::-1])
+    keys = free_keys(boat(), ("propellers.max_thrust_n", "propellers.max_reverse_thrust_n"), ())
+    weak = with_values(boat(), keys, np.full(2, -0.75))
     with pytest.raises(UserError, match="the model cannot follow these logs"):
-        identify([crossed], boat(), Water(), settings)
+        identify([run], weak, Water(), settings)
