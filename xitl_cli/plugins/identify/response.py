@@ -83,15 +83,11 @@ def compare(recording: Recording, vessel: VesselSpec, water: Water, window_s: fl
     if len(time_s) < _FEWEST:
         return None
     edges = time_s[:, None] + np.arange(round((HISTORY_S + response_s) / COMMAND_S) + 1) * COMMAND_S - HISTORY_S
-    commands, start, end = (
-        recording.mean_commands(edges),
-        recording.motion_at(time_s),
-        recording.motion_at(edges[:, -1]),
-    )
-    begin = np.column_stack([np.zeros(len(time_s)), start[:, 3:]])
-    motion = Simulator(water).motion(
-        vessel, np.tile(begin, (3, 1)), np.concatenate([commands, -commands, 0.0 * commands]), np.zeros((1, 1, 2))
-    )[-1]
+    before, start, end = (recording.motion_at(own) for own in (edges[:, 0], time_s, edges[:, -1]))
+    earlier, begin = (np.tile(np.column_stack([np.zeros(len(time_s)), own[:, 3:]]), (3, 1)) for own in (before, start))
+    commands = recording.mean_commands(edges)
+    commands = np.concatenate([commands, -commands, 0.0 * commands])
+    motion = Simulator(water).motion(vessel, earlier, begin, commands, np.zeros((1, 1, 2)))[-1]
     ahead, back, still = motion[:, 3:].reshape(3, len(time_s), 3)
     turned = end[:, 2] - start[:, 2]
     boat = np.column_stack([_complex(end[:, 3:5]) * np.exp(1j * turned) - _complex(still), end[:, 5] - still[:, 2]])

@@ -17,9 +17,9 @@ from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.fit import SHARED, fit, measured
 from xitl_cli.plugins.identify.free_keys import free_keys, with_values
 from xitl_cli.plugins.identify.identification import Settings, identify, split
-from xitl_cli.plugins.identify.recording import Quantity, Recording, Samples, channel, check_recording
+from xitl_cli.plugins.identify.recording import Floats, Quantity, Recording, Samples, channel, check_recording
 from xitl_cli.plugins.identify.response import check_response
-from xitl_cli.plugins.identify.windows import NAMES, OUTPUT_S, Simulator, cut
+from xitl_cli.plugins.identify.windows import COMMAND_S, HISTORY_S, NAMES, OUTPUT_S, Simulator, cut
 from xitl_cli.profile import load_profile
 
 FREE = ("added_mass.sway_kg", "added_mass.yaw_kgm2", "damping_linear.surge", "damping_linear.yaw")
@@ -91,6 +91,8 @@ def test_rounded_commands_widen_the_standard_errors() -> None:
     for known in (step, 0.0):
         result = fit(true, keys, cut([replace(rounded, command_step=known)], 10.0), Water(), wind=False)
         errors[known] = np.abs(result.x[:2]) / result.sigma[:2]
+        if known:  # equal commands of both propellers have equal errors
+            assert 10 < len(result.sandwich.shared) <= len(np.unique(np.round(rounded.commands, 6)))
     assert errors[step].max() < 2.5
     assert errors[step].max() < 0.7 * errors[0.0].max()
 
@@ -112,14 +114,36 @@ def test_four_strips_hold_a_boat_in_still_water_as_many_do() -> None:
     commands = np.full((1, 300, 2), 0.5)
     commands[:, 150:, 0] = -0.2
     start = np.array([[0.0, 1.0, 0.1, 0.1]])
-    few = Simulator(Water()).motion(boat(), start, commands, np.zeros((1, 1, 2)))[-1, 0]
+    few = Simulator(Water()).motion(boat(), start, start, commands, np.zeros((1, 1, 2)))[-1, 0]
     hull = boat().hull
     assert hull is not None
     fewest = replace(boat(), hull=replace(hull, strips=4))
-    motion = Simulator(Water()).motion(fewest, start, commands, np.zeros((1, 1, 2)))
+    motion = Simulator(Water()).motion(fewest, start, start, commands, np.zeros((1, 1, 2)))
     assert few == pytest.approx(motion[-1, 0], abs=1e-9)
     assert MotionStep is not None
     assert few[3:] == pytest.approx(full_motion(commands, start), abs=5e-3)
+
+
+@pytest.mark.medium
+def test_a_window_begins_with_heel_and_trim() -> None:
+    run, plant = pool_run(boat(), 30.0), Simulator(Water())
+    still, calm = np.zeros((1, 4)), np.zeros((1, 1, 2))
+
+    def moved(from_s: float, until_s: float, before: Floats, start: Floats) -> Floats:
+        edges = np.arange(round((until_s - from_s + HISTORY_S) / COMMAND_S) + 1) * COMMAND_S + from_s - HISTORY_S
+        return plant.motion(boat(), before, start, run.mean_commands(edges[None]), calm)[:, 0]
+
+    def planar(motion: Floats) -> Floats:
+        yaw, north, east, rate = motion[[2, 3, 4, 5]]
+        ahead, right = np.cos(yaw) * north + np.sin(yaw) * east, np.cos(yaw) * east - np.sin(yaw) * north
+        return np.array([[yaw, ahead, right, rate]])
+
+    whole = moved(0.0, 20.0, still, still)
+    for begin_s in (6.0, 8.0, 10.0, 12.0):  # the commands change at 6 and 12 s
+        first = round(begin_s / OUTPUT_S)
+        before, start = planar(whole[first - round(HISTORY_S / OUTPUT_S)]), planar(whole[first])
+        part = moved(begin_s, begin_s + 1.0, before, start)
+        assert part[:, 3:] == pytest.approx(whole[first : first + len(part), 3:], abs=1.5e-3), begin_s
 
 
 def full_motion(commands: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -127,7 +151,7 @@ def full_motion(commands: np.ndarray, start: np.ndarray) -> np.ndarray:
     from sim_core.vessel.vessel import Vessel
     from xitl_cli.plugins.identify.windows import _simulated
 
-    result = _simulated(Vessel.from_spec(boat(), Water(), 0.005), start, commands, np.zeros((1, 1, 2)))
+    result = _simulated(Vessel.from_spec(boat(), Water(), 0.005), start, start, commands, np.zeros((1, 1, 2)))
     return np.asarray(result[-1, 0, 3:])
 
 
