@@ -362,7 +362,8 @@ def test_too_few_windows_and_a_model_that_cannot_follow() -> None:
     with pytest.raises(UserError, match=r"have 2 windows of 10 s to fit; record 60 s"):
         identify([pool_run(boat(), 36.0)], boat(), Water(), settings)
     run = pool_run(boat(), 100.0)
-    keys = free_keys(boat(), ("propellers.max_thrust_n", "propellers.max_reverse_thrust_n"), ())
-    weak = with_values(boat(), keys, np.full(2, -0.75))
+    thrust = ("propellers.max_thrust_n", "propellers.max_reverse_thrust_n")
+    keys = free_keys(boat(), (*thrust, "damping_linear.yaw", "damping_quadratic.surge"), ())
+    light = with_values(boat(), keys, np.array([0.15, 0.15, -1.4, -2.4]))
     with pytest.raises(UserError, match="the model cannot follow these logs"):
-        identify([run], weak, Water(), settings)
+        identify([run], light, Water(), Settings(free=("added_mass.heave_kg",), wind=False))
