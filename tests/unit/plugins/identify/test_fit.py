@@ -309,6 +309,7 @@ def test_a_right_log_with_a_wrong_first_vehicle() -> None:
         check_response(pool_run(boat(), 90.0, seed, windy=True), start, Water(), 10.0)
 
 
+@pytest.mark.medium
 def test_a_position_that_jumps() -> None:
     run = pool_run(boat(), 40.0)
     time_s, values = run.channels["east"].time_s, run.channels["east"].values
