@@ -238,21 +238,19 @@ class _Problem:
         return rounding
 
     def rounding_scores(self, x: Floats) -> Floats:
-        """Return the scores (K, P + Q) of the rounding of each value that a command is held at: one error for all."""
+        """Return the scores (K, P + Q) of the rounding of each value that commands are held at.
+
+        Equal values have equal errors, in all channels and recordings.
+        """
         scores = [np.zeros((0, len(x)))]
         if not self._command_steps().any():
             return scores[0]
         jacobian, commands = self.jacobian(x)[: len(self.weight)], self.windows.commands(0.0)
-        for number in np.unique(self.windows.of):
-            own = (self.windows.of == number)[:, None]
-            for channel in range(commands.shape[2]):
-                value = commands[:, :, channel]
-                held, counts = np.unique(np.round(value[np.broadcast_to(own, value.shape)], 6), return_counts=True)
-                for level in held[(counts * COMMAND_S > _HELD_S) & (np.abs(held) < 1.0)]:
-                    changed = np.zeros_like(commands)
-                    changed[:, :, channel] = own & (np.abs(value - level) < 1e-5)
-                    slope = self._projected(self._moved(x)[2], (self._of_rounding(x, changed) * self.weight)[:, None])
-                    scores.append(slope.T @ jacobian)
+        held, counts = np.unique(np.round(commands, 6), return_counts=True)
+        for level in held[(counts * COMMAND_S > _HELD_S) & (np.abs(held) < 1.0)]:
+            changed = (np.abs(commands - level) < 1e-5).astype(np.float64)
+            slope = self._projected(self._moved(x)[2], (self._of_rounding(x, changed) * self.weight)[:, None])
+            scores.append(slope.T @ jacobian)
         return np.concatenate(scores)
 
     def _command_steps(self) -> Floats:
@@ -273,8 +271,9 @@ class _Problem:
         vessel = with_values(self.vessel, self.keys, x[: len(self.keys)])
         repeats = len(begin) // len(self.windows)
         commands = np.tile(self.windows.commands(float(x[len(self.keys)])) + added, (repeats, 1, 1))
-        wind = self.windows.wind() + self._of_windows(x)[:, None, _WIND:]
-        return self.plant.motion(vessel, begin, commands, np.tile(wind, (repeats, 1, 1)))
+        around = self._of_windows(x)
+        before, wind = self.windows.before(around[:, :2], around[:, 2]), self.windows.wind() + around[:, None, _WIND:]
+        return self.plant.motion(vessel, np.tile(before, (repeats, 1)), begin, commands, np.tile(wind, (repeats, 1, 1)))
 
     def _of_windows(self, x: Floats) -> Floats:
         """Return the nuisance parameters of the recording of each window, (W, 6)."""

@@ -25,6 +25,7 @@ from xitl_cli.plugins.identify.prediction import (
     surroundings_of,
 )
 from xitl_cli.plugins.identify.recording import Floats, Recording
+from xitl_cli.plugins.identify.response import check_response
 from xitl_cli.plugins.identify.windows import Windows, cut
 
 UNDETERMINED = 0.3
@@ -145,6 +146,8 @@ def identify(
 ) -> Identification:
     """Fit the vehicle and test its predictions. Raises UserError, with what to record next."""
     keys = free_keys(start, settings.free, settings.fixed)
+    for recording in recordings:
+        check_response(recording, start, water, settings.window_s)
     training, testing = split(recordings, tested)
     windows = cut(training, settings.window_s)
     if len(windows) < _FEWEST_WINDOWS:

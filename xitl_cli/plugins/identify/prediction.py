@@ -10,7 +10,7 @@ import numpy as np
 from sim_core.environment.spec import Water
 from xitl_cli.plugins.identify.fit import SHARED, Fit, fit
 from xitl_cli.plugins.identify.recording import Floats, Recording
-from xitl_cli.plugins.identify.windows import OUTPUT_S, Simulator, Windows, cut
+from xitl_cli.plugins.identify.windows import OUTPUT_S, Simulator, Windows, cut, relative_to_water
 
 HORIZONS_S = (1.0, 5.0, 10.0, 30.0)
 MODELS = ("identified", "start", "linear", "persistence")
@@ -127,10 +127,10 @@ class Predictor:
         delay_s, bias = float(nuisance[0, 0]), nuisance[:, first + 2]
         current = nuisance[:, first : first + 2]
         wind = windows.wind() + nuisance[:, None, first + 4 : first + 6]
-        begin = np.column_stack([start[:, 2] - bias, start[:, 3:]])
-        over_ground = _turned(start[:, 3:5], start[:, 2])
-        begin[:, 1:3] = _turned(over_ground - current, -begin[:, 0])
-        motion = self._plant.motion(fitted.vessel, begin, windows.commands(delay_s), wind)
+        begin = relative_to_water(start, current, bias)
+        motion = self._plant.motion(
+            fitted.vessel, windows.before(current, bias), begin, windows.commands(delay_s), wind
+        )
         motion = motion[:: round(_STEP_S / OUTPUT_S)][: round(windows.length_s / _STEP_S) + 1]
         time_s = np.arange(len(motion))[:, None, None] * _STEP_S
         yaw = motion[:, :, 2] + bias

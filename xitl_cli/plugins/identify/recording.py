@@ -176,6 +176,8 @@ def _rate(has: Mapping[Quantity, Samples], name: Quantity, integral: Quantity, t
     return (has[integral].smooth(time_s + half_s) - has[integral].smooth(time_s - half_s)) / (2.0 * half_s)
 
 
+_POSITIONS: tuple[Quantity, ...] = ("north", "east")
+_JUMP_M, _JUMP = 5.0, 20.0
 _LEAST_S = 20.0
 _MOVING = 0.05
 _FACTOR = 1.6  # between a right unit with noise, and knots
@@ -205,6 +207,8 @@ def check_recording(recording: Recording, commands: int) -> Recording:
             f"{source}: the commands change by {spread.max(initial=0.0):.3f} of full; record steps of thrust and "
             "turns, as the profile identify-excitation has them"
         )
+    for name in (name for name in _POSITIONS if name in recording.channels):
+        _refuse_jump(source, name, recording.channels[name])
     time_s = np.arange(first_s + 1.0, last_s - 1.0, _CHECK_STEP_S)
     has, motion = recording.channels, recording.motion_at(time_s)
     ahead, turn = (float(np.std(_means(motion[:, axis]))) for axis in (3, 5))
@@ -228,6 +232,17 @@ def check_recording(recording: Recording, commands: int) -> Recording:
         _compare(recording.source, "surge" if of_body else "vel_north, vel_east", other, motion[:, 3], along, 0.1)
         _compare(recording.source, "sway" if of_body else "vel_north, vel_east", other, motion[:, 4], across, 0.1)
     return recording
+
+
+def _refuse_jump(source: str, name: str, own: Samples) -> None:
+    """Raise UserError for a change from one sample to the next that is no motion. A gap may hide any change."""
+    change = np.abs(np.diff(own.values)) * (np.diff(own.time_s) <= _GAP_S)
+    usual, worst = float(np.percentile(change, 99.0)), int(change.argmax())
+    if change[worst] > max(_JUMP_M, _JUMP * usual):
+        raise UserError(
+            f"{source}: {name} jumps by {change[worst]:.3g} m at {own.time_s[worst + 1]:.1f} s (99 % of changes: up to "
+            f"{usual:.2g} m); split the log there, or leave out wrong positions"
+        )
 
 
 def _compare(source: str, name: str, other: str, values: Floats, slope: Floats, least: float) -> None:
@@ -254,6 +269,7 @@ def _compare_with_course(source: str, motion: Floats) -> None:
     if len(course) < _FEWEST_TURNS or np.std(course) < 0.02:
         return
     ratio, agreement = _ratio(heading, course)
+    ratio /= max(abs(agreement), 1e-12)  # both have errors: compare their sizes
     if abs(agreement) > 0.5 and not 1.0 / _FACTOR_OF_COURSE < ratio < _FACTOR_OF_COURSE:
         raise UserError(
             f"{source}: the heading turns {ratio:.3g} times as far as the course (correlation {agreement:.2f}); "

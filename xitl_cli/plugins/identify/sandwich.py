@@ -7,7 +7,7 @@ errors of known size that windows share, such as rounded commands. Sums over win
 of Liang and Zeger (1986). The root makes them unbiased for white residuals (CR2; Bell and McCaffrey 2002). k is
 Bartlett's kernel (Newey and West 1987): 1 for a window with itself, and a half for adjacent ones.
 
-Such a sum over few windows is unof_prior itself. The standard error of a'x is therefore widened by the quantile of
+Such a sum over few windows is uncertain itself. The standard error of a'x is therefore widened by the quantile of
 Student's t, so that two standard errors contain the truth in 95.4 % of cases. The degrees of freedom are those of
 Satterthwaite for white residuals (Bell and McCaffrey 2002; Imbens and Kolesar 2016).
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -93,9 +94,9 @@ def read_column_map(path: Path) -> ColumnMap:
 
 
 def read_table(path: Path, columns: ColumnMap) -> Recording:
-    """Read a table. Rows with an empty or invalid cell of a quantity are left out for this quantity.
+    """Read a table. Rows with an empty cell of a quantity are left out for this quantity.
 
-    Raises UserError with file and column.
+    Raises UserError with file and column, and for a cell with other text than a finite number.
     """
     table = _columns(path)
     time_s = _numbers(path, table, columns.time.column) * _FACTORS[columns.time.unit]
@@ -158,14 +159,21 @@ def _columns(path: Path) -> dict[str, list[str]]:
 def _numbers(path: Path, table: dict[str, list[str]], name: str) -> Floats:
     if name not in table:
         raise UserError(f"{path}: has no column {name!r}; its columns are {', '.join(filter(None, table))}")
-    return np.array([_number(cell) for cell in table[name]])
+    numbers = [_number(cell) for cell in table[name]]
+    for row, (cell, number) in enumerate(zip(table[name], numbers, strict=True), start=2):
+        if cell.strip() and not math.isfinite(number):
+            raise UserError(
+                f"{path}:{row}: column {name!r} is {cell[:40]!r}; write a finite number, or leave the cell empty where "
+                "the quantity has no value"
+            )
+    return np.array(numbers)
 
 
 def _number(cell: str) -> float:
     try:
         return float(cell)
     except ValueError:
-        return float("nan")
+        return math.nan
 
 
 def _command(path: Path, table: dict[str, list[str]], spec: CommandSpec) -> Floats:

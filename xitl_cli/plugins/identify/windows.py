@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from sim_core.environment.spec import Water
 from sim_core.environment.waves import StillHull
-from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.frames import euler_to_quat, quat_to_euler, quat_to_matrix
 from sim_core.motion import Influences, MotionStep, surroundings
 from sim_core.vessel.spec import VesselSpec
-from sim_core.vessel.vessel import Vessel, at_rest, with_half_change
+from sim_core.vessel.vessel import Vessel, VesselState, at_rest, with_half_change
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.recording import QUANTITIES, Floats, Recording
 
@@ -26,7 +26,7 @@ OUTPUT_S = 0.04
 COMMAND_S = 0.02
 """Interval of the commands: their mean over each is what the actuators follow."""
 HISTORY_S = 2.0
-"""Time before a window in which the actuators follow the commands, so that they begin it with their true speeds."""
+"""Time before a window that is simulated too, so that the actuators, heel and trim begin it with their true values."""
 _STRIPS = 4
 _MOST_SAMPLES = 250
 """Of a quantity in a window. Samples of longer windows are thinned, so that a fit costs no more with them."""
@@ -77,9 +77,22 @@ class Windows:
 
     def starts(self) -> Floats:
         """Return the measured motion at the start of each window, (W, 6)."""
-        return np.concatenate(
-            [own.motion_at(self.start_s[self.of == number]) for number, own in enumerate(self.recordings)]
-        )
+        return self._motion_at(self.start_s)
+
+    def before(self, current_ne_mps: Floats, yaw_bias_rad: Floats) -> Floats:
+        """Return the motion HISTORY_S before each window, (W, 4), see `relative_to_water`."""
+        return relative_to_water(self._motion_at(self.start_s - HISTORY_S), current_ne_mps, yaw_bias_rad)
+
+    def _motion_at(self, time_s: Floats) -> Floats:
+        return np.concatenate([own.motion_at(time_s[self.of == number]) for number, own in enumerate(self.recordings)])
+
+
+def relative_to_water(motion: Floats, current_ne_mps: Floats, yaw_bias_rad: Floats) -> Floats:
+    """Return yaw, velocity through the water ahead and to starboard, and yaw rate (W, 4) of measured motions (W, 6)."""
+    yaw = motion[:, 2] - yaw_bias_rad
+    over_ground = (motion[:, 3] + 1j * motion[:, 4]) * np.exp(1j * motion[:, 2])
+    through_water = (over_ground - current_ne_mps @ [1.0, 1j]) * np.exp(-1j * yaw)
+    return np.column_stack([yaw, through_water.real, through_water.imag, motion[:, 5]])
 
 
 def cut(recordings: Sequence[Recording], length_s: float, every_s: float | None = None) -> Windows:
@@ -131,10 +144,11 @@ class Simulator:
         self._water = water
         self._step_s = COMMAND_S
 
-    def motion(self, spec: VesselSpec, starts: Floats, commands: Floats, wind_ne_mps: Floats) -> Floats:
+    def motion(self, spec: VesselSpec, before: Floats, starts: Floats, commands: Floats, wind_ne_mps: Floats) -> Floats:
         """Return (K, R, 6) north, east, yaw, velocity north and east, and yaw rate at every OUTPUT_S.
 
-        starts: (R, 4) yaw, velocity ahead and to starboard, yaw rate. commands: (R, steps, C), see `Windows.commands`.
+        starts: (R, 4) yaw, velocity ahead and to starboard, yaw rate. before: the same HISTORY_S earlier.
+        commands: (R, steps, C), see `Windows.commands`.
         wind_ne_mps: (R, steps, 2) relative to the water, see `Windows.wind`, or (R, 1, 2) for a steady wind.
         """
         # In still water, more than four strips along a hull hardly change trim and heel
@@ -150,39 +164,26 @@ class Simulator:
                 if self._step_s < _SMALLEST_STEP_S:
                     raise UserError(f"the model cannot be simulated ({error}); begin with other values") from error
                 self._step_s *= 0.5
-        return _simulated(vessel, starts, commands, wind_ne_mps)
+        return _simulated(vessel, before, starts, commands, wind_ne_mps)
 
 
-def _simulated(vessel: Vessel, starts: Floats, commands: Floats, wind_ne_mps: Floats) -> Floats:
+def _simulated(vessel: Vessel, before: Floats, starts: Floats, commands: Floats, wind_ne_mps: Floats) -> Floats:
     rows, steps, _ = commands.shape
     history, repeats = round(HISTORY_S / COMMAND_S), round(COMMAND_S / vessel.dt_s)
-    # Actuators before the window
-    state = at_rest(vessel, np.zeros((rows, 2)), starts[:, 0])
-    actuators = commands[:, 0].copy()
-    for step in range(history):
-        for _ in range(repeats):
-            actuators = vessel.propulsion.spin(actuators, commands[:, step])
-    # Motion at its start
-    yaw, ahead, right, rate = starts.T
-    motion = state.motion
-    euler = np.zeros((rows, 3))
-    euler[:, :2], euler[:, 2] = (vessel.rest.heel_rad, vessel.rest.trim_rad), yaw
-    velocity = np.stack([np.cos(yaw) * ahead - np.sin(yaw) * right, np.sin(yaw) * ahead + np.cos(yaw) * right], axis=1)
-    quat = euler_to_quat(euler)
-    motion = replace(
-        motion,
-        vel_ned_mps=np.column_stack([velocity, np.zeros(rows)]),
-        quat_ned_frd=quat,
-        rot_ned_frd=quat_to_matrix(quat),
-        gyro_frd_radps=np.column_stack([np.zeros((rows, 2)), rate]),
-    )
     step_motion = MotionStep(vessel, StillHull(len(vessel.buoyancy.points_frd_m)))
     still = np.zeros((rows, 3))
     wind = np.zeros((rows, steps - history, 3))
     wind[:, :, :2] = wind_ne_mps
-    around = Influences(0.0, 0.0, still, wind[:, 0], np.zeros((rows, 2)), commands[:, history], None)
-    state = replace(state, motion=motion, rotor_speed=actuators)
-    state = with_half_change(vessel, state, surroundings(vessel, step_motion.hull_waves, motion, around))
+    around = Influences(0.0, 0.0, still, wind[:, 0], np.zeros((rows, 2)), commands[:, 0], None)
+    # Before the windows
+    state = replace(at_rest(vessel, np.zeros((rows, 2)), before[:, 0]), rotor_speed=commands[:, 0].copy())
+    state = _set_off(vessel, step_motion, state, before, around)
+    for step in range(history):
+        around = replace(around, command=commands[:, step])
+        for _ in range(repeats):
+            state = step_motion.step(state, around).vessel
+    around = replace(around, command=commands[:, history])
+    state = _set_off(vessel, step_motion, state, starts, around)
     # Steps
     every = round(OUTPUT_S / COMMAND_S)
     results = np.empty(((steps - history) // every + 1, rows, 6))
@@ -195,8 +196,33 @@ def _simulated(vessel: Vessel, starts: Floats, commands: Floats, wind_ne_mps: Fl
     if (steps - history) % every == 0:
         _note(results[-1], state.motion)
     results[:, :, 2] = np.unwrap(results[:, :, 2], axis=0)
-    results[:, :, 2] += np.round((yaw - results[0, :, 2]) / (2.0 * np.pi)) * 2.0 * np.pi
+    results[:, :, 2] += np.round((starts[:, 0] - results[0, :, 2]) / (2.0 * np.pi)) * 2.0 * np.pi
     return results[: (steps - history) // every + 1]
+
+
+def _set_off(
+    vessel: Vessel, step_motion: MotionStep, state: VesselState, planar: Floats, around: Influences
+) -> VesselState:
+    """Return vessels at the origin with the motion in the plane of (R, 4), see `Simulator.motion`."""
+    yaw, ahead, right, rate = planar.T
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    motion = state.motion
+    pos_m, velocity, gyro = motion.pos_ned_m.copy(), motion.vel_ned_mps.copy(), motion.gyro_frd_radps.copy()
+    euler = quat_to_euler(motion.quat_ned_frd)
+    pos_m[:, :2] = 0.0
+    velocity[:, 0], velocity[:, 1] = cos * ahead - sin * right, sin * ahead + cos * right
+    euler[:, 2], gyro[:, 2] = yaw, rate
+    quat = euler_to_quat(euler)
+    motion = replace(
+        motion,
+        pos_ned_m=pos_m,
+        vel_ned_mps=velocity,
+        quat_ned_frd=quat,
+        rot_ned_frd=quat_to_matrix(quat),
+        gyro_frd_radps=gyro,
+    )
+    state = replace(state, motion=motion)
+    return with_half_change(vessel, state, surroundings(vessel, step_motion.hull_waves, motion, around))
 
 
 def _note(row: Floats, motion: object) -> None:

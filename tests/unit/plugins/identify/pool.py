@@ -72,7 +72,9 @@ def pool_run(
     edges = np.arange(round((length_s + HISTORY_S) / 0.02) + 1) * 0.02 - HISTORY_S
     blowing = run.wind_at((np.arange(round(length_s / COMMAND_S)) + 0.5)[None] * COMMAND_S)
     blowing -= windy * np.array(CURRENT_NE_MPS)  # relative to the water
-    motion = Simulator(Water()).motion(vessel, np.zeros((1, 4)), run.mean_commands(edges[None]), blowing)[:, 0]
+    motion = Simulator(Water()).motion(
+        vessel, np.zeros((1, 4)), np.zeros((1, 4)), run.mean_commands(edges[None]), blowing
+    )[:, 0]
     time_s = np.arange(len(motion)) * OUTPUT_S
     draw = np.random.default_rng(seed + 1000)
     white = noise * draw.standard_normal((len(motion), 4)) * [0.02, 0.02, np.radians(0.3), np.radians(0.3)]
@@ -105,7 +107,9 @@ def write_ship_table(vessel: VesselSpec, path: Path, length_s: float, seed: int)
     edges = np.arange(round((length_s + HISTORY_S) / COMMAND_S) + 1) * COMMAND_S - HISTORY_S
     blowing = run.wind_at((np.arange(round(length_s / COMMAND_S)) + 0.5)[None] * COMMAND_S)
     start = np.array([[0.5, 0.9, 0.0, 0.0]])
-    motion = Simulator(Water(density_kgpm3=1000)).motion(vessel, start, run.mean_commands(edges[None]), blowing)[:, 0]
+    motion = Simulator(Water(density_kgpm3=1000)).motion(vessel, start, start, run.mean_commands(edges[None]), blowing)[
+        :, 0
+    ]
     rows = np.arange(0.0, length_s, 0.1)
     x, y, psi, north, east, r = np.array([np.interp(rows, np.arange(len(motion)) * OUTPUT_S, own) for own in motion.T])
     knots = np.array([np.cos(psi) * north + np.sin(psi) * east, np.cos(psi) * east - np.sin(psi) * north]) * 3600 / 1852

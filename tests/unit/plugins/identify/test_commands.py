@@ -96,6 +96,14 @@ def test_a_wrong_map(tmp_path: Path, columns: Path, change: tuple[str, str], wor
     [
         ("t,psi\n1,2\n", "has 1 rows of data"),
         ("t,psi,x,y,r,left,right\n0,0,0,0,0,1500,1500\n1,2\n2,2\n", "run.csv:3: has 2 cells, but the first row has 7"),
+        (
+            "t,psi,x,y,r,left,right\n0,0,0,0,0,1500,1500\n1,0,nan,0,0,1500,1500\n2,,0,0,0,1500,1500\n",
+            "run.csv:3: column 'x' is 'nan'; write a finite number, or leave the cell empty",
+        ),
+        (
+            "t,psi,x,y,r,left,right\n0,0,0,0,0,1500,1500\n1,0,inf,0,0,1500,1500\n2,,0,0,0,1500,1500\n",
+            "run.csv:3: column 'x' is 'inf'; write a finite number, or leave the cell empty",
+        ),
         ("t,psi,x,y,r,left,right\n1,0,0,0,0,1,1\n2,0,0,0,0,1,1\n0,0,0,0,0,1,1\n", "goes from 2 s back to 0 s in row 4"),
     ],
 )

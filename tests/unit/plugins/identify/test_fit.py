@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +17,9 @@ from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.fit import SHARED, fit, measured
 from xitl_cli.plugins.identify.free_keys import free_keys, with_values
 from xitl_cli.plugins.identify.identification import Settings, identify, split
-from xitl_cli.plugins.identify.recording import Samples, channel, check_recording
-from xitl_cli.plugins.identify.windows import NAMES, OUTPUT_S, Simulator, cut
+from xitl_cli.plugins.identify.recording import Floats, Quantity, Recording, Samples, channel, check_recording
+from xitl_cli.plugins.identify.response import check_response
+from xitl_cli.plugins.identify.windows import COMMAND_S, HISTORY_S, NAMES, OUTPUT_S, Simulator, cut
 from xitl_cli.profile import load_profile
 
 FREE = ("added_mass.sway_kg", "added_mass.yaw_kgm2", "damping_linear.surge", "damping_linear.yaw")
@@ -89,6 +91,8 @@ def test_rounded_commands_widen_the_standard_errors() -> None:
     for known in (step, 0.0):
         result = fit(true, keys, cut([replace(rounded, command_step=known)], 10.0), Water(), wind=False)
         errors[known] = np.abs(result.x[:2]) / result.sigma[:2]
+        if known:  # equal commands of both propellers have equal errors
+            assert 10 < len(result.sandwich.shared) <= len(np.unique(np.round(rounded.commands, 6)))
     assert errors[step].max() < 2.5
     assert errors[step].max() < 0.7 * errors[0.0].max()
 
@@ -110,14 +114,36 @@ def test_four_strips_hold_a_boat_in_still_water_as_many_do() -> None:
     commands = np.full((1, 300, 2), 0.5)
     commands[:, 150:, 0] = -0.2
     start = np.array([[0.0, 1.0, 0.1, 0.1]])
-    few = Simulator(Water()).motion(boat(), start, commands, np.zeros((1, 1, 2)))[-1, 0]
+    few = Simulator(Water()).motion(boat(), start, start, commands, np.zeros((1, 1, 2)))[-1, 0]
     hull = boat().hull
     assert hull is not None
     fewest = replace(boat(), hull=replace(hull, strips=4))
-    motion = Simulator(Water()).motion(fewest, start, commands, np.zeros((1, 1, 2)))
+    motion = Simulator(Water()).motion(fewest, start, start, commands, np.zeros((1, 1, 2)))
     assert few == pytest.approx(motion[-1, 0], abs=1e-9)
     assert MotionStep is not None
     assert few[3:] == pytest.approx(full_motion(commands, start), abs=5e-3)
+
+
+@pytest.mark.medium
+def test_a_window_begins_with_heel_and_trim() -> None:
+    run, plant = pool_run(boat(), 30.0), Simulator(Water())
+    still, calm = np.zeros((1, 4)), np.zeros((1, 1, 2))
+
+    def moved(from_s: float, until_s: float, before: Floats, start: Floats) -> Floats:
+        edges = np.arange(round((until_s - from_s + HISTORY_S) / COMMAND_S) + 1) * COMMAND_S + from_s - HISTORY_S
+        return plant.motion(boat(), before, start, run.mean_commands(edges[None]), calm)[:, 0]
+
+    def planar(motion: Floats) -> Floats:
+        yaw, north, east, rate = motion[[2, 3, 4, 5]]
+        ahead, right = np.cos(yaw) * north + np.sin(yaw) * east, np.cos(yaw) * east - np.sin(yaw) * north
+        return np.array([[yaw, ahead, right, rate]])
+
+    whole = moved(0.0, 20.0, still, still)
+    for begin_s in (6.0, 8.0, 10.0, 12.0):  # the commands change at 6 and 12 s
+        first = round(begin_s / OUTPUT_S)
+        before, start = planar(whole[first - round(HISTORY_S / OUTPUT_S)]), planar(whole[first])
+        part = moved(begin_s, begin_s + 1.0, before, start)
+        assert part[:, 3:] == pytest.approx(whole[first : first + len(part), 3:], abs=1.5e-3), begin_s
 
 
 def full_motion(commands: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -125,7 +151,7 @@ def full_motion(commands: np.ndarray, start: np.ndarray) -> np.ndarray:
     from sim_core.vessel.vessel import Vessel
     from xitl_cli.plugins.identify.windows import _simulated
 
-    result = _simulated(Vessel.from_spec(boat(), Water(), 0.005), start, commands, np.zeros((1, 1, 2)))
+    result = _simulated(Vessel.from_spec(boat(), Water(), 0.005), start, start, commands, np.zeros((1, 1, 2)))
     return np.asarray(result[-1, 0, 3:])
 
 
@@ -214,6 +240,91 @@ def test_a_heading_that_does_not_turn_as_the_course(factor: float, words: str) -
         check_recording(wrong, 2)
 
 
+def of_channels(run: Recording, *names: Quantity, factor: float = 1.0, added: float = 0.0) -> Recording:
+    changed = {name: Samples(run.channels[name].time_s, factor * run.channels[name].values + added) for name in names}
+    return replace(run, channels={**run.channels, **changed})
+
+
+WRONG: dict[str, tuple[Callable[[Recording], Recording], str]] = {
+    "heading": (
+        lambda run: of_channels(run, "yaw", added=np.pi / 2),
+        r"the commands push the boat (8|9|10)\d° to port of the heading \(correlation 0.\d\d\); subtract",
+    ),
+    "kilometres": (
+        lambda run: of_channels(run, "north", "east", factor=1e-3),
+        r"north and east move 0\.00(08|09|1)\d* times as far .* correct their unit",
+    ),
+    "feet": (
+        lambda run: of_channels(run, "north", "east", factor=3.281),
+        r"north and east move (2\.[5-9]|3.*) times as far .* correct their unit",
+    ),
+    "swapped": (
+        lambda run: replace(run, commands=run.commands[:, ::-1]),
+        r"the boat turns against its commands \(correlation -\d\.\d\d\); exchange the commands of port and starboard",
+    ),
+    "reversed": (
+        lambda run: replace(run, commands=-run.commands),
+        r"the boat moves against its commands .* 1\.\d\d with reversed commands\); exchange full ahead and full astern",
+    ),
+    "unrelated": (
+        lambda run: replace(run, commands=pool_run(boat(), 90.0, 7).commands),
+        r"the boat does not respond to its commands \(correlations \d\.\d\d .* use commands and motion of one run",
+    ),
+    "late": (
+        lambda run: replace(run, command_s=run.command_s + 5.0),
+        r"the motion is 5\.0 s earlier than the commands .* with one clock",
+    ),
+    "early": (
+        lambda run: replace(run, command_s=run.command_s - 5.0),
+        r"the motion is 5\.0 s later than the commands",
+    ),
+}
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_boat_that_does_not_respond_to_its_commands_as_the_vehicle(kind: str) -> None:
+    run, (wrong, words) = pool_run(boat(), 90.0), WRONG[kind]
+    with pytest.raises(UserError, match=f"pool-1: {words}"):
+        identify([wrong(run)], boat(), Water(), Settings())
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("vehicle", "words"),
+    [("wamv16", r"move 0\.[23]\d* times as far as thrust and mass .* begin with the vehicle of this log")],
+)
+def test_the_log_of_another_vehicle(vehicle: str, words: str) -> None:
+    other = load_profile(f"vehicles/{vehicle}").vehicle
+    assert other is not None
+    with pytest.raises(UserError, match=words):
+        check_response(pool_run(boat(), 90.0), other, Water(), 10.0)
+
+
+@pytest.mark.medium
+def test_a_right_log_with_a_wrong_first_vehicle() -> None:
+    keys = free_keys(boat(), (), ())
+    for seed in (1, 2, 3):
+        start = with_values(boat(), keys, np.random.default_rng(seed).uniform(-1.1, 1.1, len(keys)))  # a factor of 3
+        check_response(pool_run(boat(), 90.0, seed, windy=True), start, Water(), 10.0)
+
+
+@pytest.mark.medium
+def test_a_position_that_jumps() -> None:
+    run = pool_run(boat(), 40.0)
+    time_s, values = run.channels["east"].time_s, run.channels["east"].values
+    for jump_m, refused in ((50.0, True), (2.0, False)):  # an estimator corrects itself by a few metres
+        jumping = {**run.channels, "east": Samples(time_s, values + jump_m * (time_s > 20.0))}
+        if refused:
+            with pytest.raises(UserError, match=r"east jumps by (49|50)\S* m at 20\.\d s .*; split the log there"):
+                check_recording(replace(run, channels=jumping), 2)
+        else:
+            check_recording(replace(run, channels=jumping), 2)
+    kept = (time_s < 15.0) | (time_s > 25.0)
+    gap = {**run.channels, "east": Samples(time_s[kept], (values + 50.0 * (time_s > 20.0))[kept])}
+    check_recording(replace(run, channels=gap), 2)
+
+
 @pytest.mark.medium
 def test_rounded_commands_and_means_of_a_fast_sensor() -> None:
     time_s = np.arange(0.0, 10.0, 0.02)
@@ -252,6 +363,8 @@ def test_too_few_windows_and_a_model_that_cannot_follow() -> None:
     with pytest.raises(UserError, match=r"have 2 windows of 10 s to fit; record 60 s"):
         identify([pool_run(boat(), 36.0)], boat(), Water(), settings)
     run = pool_run(boat(), 100.0)
-    crossed = replace(run, commands=-run.commands[:, ::-1])
+    thrust = ("propellers.max_thrust_n", "propellers.max_reverse_thrust_n")
+    keys = free_keys(boat(), (*thrust, "damping_linear.yaw", "damping_quadratic.surge"), ())
+    light = with_values(boat(), keys, np.array([0.15, 0.15, -1.4, -2.4]))
     with pytest.raises(UserError, match="the model cannot follow these logs"):
-        identify([crossed], boat(), Water(), settings)
+        identify([run], light, Water(), Settings(free=("added_mass.heave_kg",), wind=False))
