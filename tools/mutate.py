@@ -241,7 +241,7 @@ def pass_all(tests: list[str]) -> bool:
         for stream in range(3):
             os.dup2(quiet, stream)
         os._exit(pytest.main([*PYTEST, "-x", *tests]))
-    return os.waitpid(child, 0)[1] == 0
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
 
 
 def statement_at(file: Path, line: int) -> tuple[int, bool]:
