@@ -3,7 +3,7 @@
     make mutate                    the lines that the last commit changed
     make mutate BASE=HEAD~3        the lines that differ from that commit
     make mutate FILES="a.py b.py"  whole files
-    make mutate COUNT=60 SEED=1    so many changes at random places of all packages; the seed repeats them
+    make mutate COUNT=60 SEED=1    so many changes at random places of all packages, or of FILES; the seed repeats them
 
 Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Coverage.py measures first
 which tests execute which line: all fast and medium tests for random places, which build/ keeps for the commit, else the
@@ -76,22 +76,28 @@ class Survival(NamedTuple):
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--base", default="HEAD~1", help="mutate only lines that differ from this commit")
-    parser.add_argument("--count", type=int, default=0, help="mutate so many random places of all packages")
+    parser.add_argument(
+        "--count", type=int, default=0, help="mutate so many random places of all packages or of the files"
+    )
     parser.add_argument("--seed", type=int, default=1, help="seed of the random places")
-    parser.add_argument("files", nargs="*", help="mutate all lines of these files")
+    parser.add_argument("files", nargs="*", help="mutate these files")
     options = parser.parse_args()
-    files = options.files or changed_files(options.base)
-    if not files and not options.count:
+    anywhere = options.count and not options.files
+    files = options.files or (product_files() if anywhere else changed_files(options.base))
+    if not files:
         print(f"no product file differs from {options.base}")
         return 0
     head = clone_head()
     os.chdir(CLONE)
     os.environ["PYTHONPATH"] = sys.path[0] = str(CLONE)  # the clone's modules, not the installed ones
     del sys.modules["tools"]
-    if options.count:
-        results = mutate_anywhere(options.count, random.Random(options.seed), SuiteMap(BUILD / head, []))
+    if anywhere:
+        suite = SuiteMap(BUILD / head, [])
     else:
-        suite = SuiteMap(BUILD / "changed", sorted({test for file in files for test in tests_of(file)}))
+        suite = SuiteMap(BUILD / "part", sorted({test for file in files for test in tests_of(file)}))
+    if options.count:
+        results = mutate_anywhere(files, options.count, random.Random(options.seed), suite)
+    else:
         base = None if options.files else options.base
         results = [mutate(file, mutants_of(file, base), suite) for file in files]
     tested, survived, unexecuted = (sum(numbers) for numbers in zip(*results, strict=True))
@@ -102,25 +108,23 @@ def main() -> int:
     return 1 if survived else 0
 
 
-def mutate_anywhere(count: int, draw: random.Random, suite: SuiteMap) -> list[Survival]:
-    """Test `count` mutants at random places."""
+def mutate_anywhere(files: list[str], count: int, draw: random.Random, suite: SuiteMap) -> list[Survival]:
+    """Test `count` mutants at random places. Files are drawn without repetition, with probabilities by their lines."""
+    lines = {file: Path(file).read_bytes().count(b"\n") for file in files}
+    # Efraimidis and Spirakis 2006: the order of these keys is that of such draws.
+    keys = {file: draw.random() ** (1.0 / size) for file, size in lines.items() if size}
     results: list[Survival] = []
-    for file in random_files(draw):
-        items = random_mutants(mutants_of(file, None), draw)
+    for file in sorted(keys, key=keys.__getitem__, reverse=True):
         left = count - sum(result.tested for result in results)
-        results.append(mutate(file, items[:left], suite))
-        if left <= len(items):
+        if left <= 0:
             break
+        results.append(mutate(file, random_mutants(mutants_of(file, None), draw)[:left], suite))
     return results
 
 
-def random_files(draw: random.Random) -> Iterator[str]:
-    """Draw product files without repetition, each with a probability by its lines."""
+def product_files() -> list[str]:
     named = git(ROOT, "ls-files", "--", *(f"{package}/*.py" for package in PRODUCT)).split()
-    lines = {name: (ROOT / name).read_bytes().count(b"\n") for name in named if name != GENERATED}
-    # Efraimidis and Spirakis 2006: the order of these keys is that of such draws.
-    keys = {name: draw.random() ** (1.0 / size) for name, size in lines.items() if size}
-    return iter(sorted(keys, key=keys.__getitem__, reverse=True))
+    return [name for name in named if name != GENERATED]
 
 
 def changed_files(base: str) -> list[str]:
@@ -241,7 +245,10 @@ def pass_all(tests: list[str]) -> bool:
         for stream in range(3):
             os.dup2(quiet, stream)
         os._exit(pytest.main([*PYTEST, "-x", *tests]))
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) in (
+        pytest.ExitCode.OK,
+        pytest.ExitCode.NO_TESTS_COLLECTED,
+    )
 
 
 def statement_at(file: Path, line: int) -> tuple[int, bool]:
