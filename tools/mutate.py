@@ -164,7 +164,7 @@ class SuiteMap:
             measured = ["--cov", f"--cov-config={configuration}", "--cov-context=test", "--cov-report="]
             timed = ["--durations=0", "--durations-min=0", "-rfE"]
             run = subprocess.run(
-                [sys.executable, "-m", "pytest", *PYTEST, "-n", "auto", *measured, *timed, *tests],
+                [sys.executable, "-m", "pytest", *PYTEST, *measured, *timed, *(tests or ("-n", "auto"))],
                 env={**os.environ, "COVERAGE_FILE": str(data)},
                 stdout=subprocess.PIPE,
                 text=True,
@@ -202,7 +202,7 @@ class SuiteMap:
         total_s, chosen = 0.0, []
         for test in tests:
             total_s += self._times_s[test]
-            if total_s > LONGEST_TESTS_S:
+            if chosen and total_s > LONGEST_TESTS_S:
                 break
             chosen.append(test)
         return chosen
