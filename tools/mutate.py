@@ -19,6 +19,7 @@ import os
 import random
 import re
 import resource
+import signal
 import subprocess
 import sys
 from collections import defaultdict
@@ -43,8 +44,8 @@ GENERATED = "agent/wire/dialect.py"
 PYTEST = ("-p", "no:cacheprovider", "-m", "not slow and not realtime")
 LONGEST_TESTS_S = 60.0
 """Time of the tests of one mutant without it. The longest tests beyond are left out."""
-MOST_PROCESSOR_S = 300
-"""A mutant may loop without end."""
+MOST_PROCESSOR_S, MOST_SECONDS = 300, 900
+"""A mutant may loop or wait without end."""
 PLACES_A_FILE = 3
 """Random places in a file, because to list its mutants takes seconds."""
 COVERAGE = """\
@@ -170,6 +171,8 @@ class SuiteMap:
                 text=True,
                 check=False,
             )
+            if run.returncode not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+                sys.exit(f"the tests without a mutant ended with status {run.returncode}:\n{run.stdout}")
             report.write_text(run.stdout)
         self._data = CoverageData(str(data))
         self._data.read()
@@ -239,7 +242,7 @@ def pass_all(tests: list[str]) -> bool:
         return True
     child = os.fork()
     if not child:
-        os.setsid()
+        signal.alarm(MOST_SECONDS)
         resource.setrlimit(resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S))
         quiet = os.open(os.devnull, os.O_RDWR)
         for stream in range(3):
@@ -323,6 +326,7 @@ def tests_of(file: str) -> list[str]:
     return [*importing_tests(file), *([str(folder.relative_to(ROOT))] if folder else [])]
 
 
+@cache
 def importing_tests(file: str) -> list[str]:
     """Return the files of tests that name a module."""
     module = file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
