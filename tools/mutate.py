@@ -184,6 +184,9 @@ class SuiteMap:
         for seconds, test in TIME.findall(report.read_text()):
             if test not in failed:
                 self._times_s[test] += float(seconds)
+        shortest = min(self._times_s, key=self._times_s.__getitem__, default="")
+        if not shortest or not pass_all([shortest]):
+            sys.exit(f"no test passes without a mutant; see {report}")
 
     def tests_at(self, mutation: MutationSpec) -> list[str]:
         """Return the tests that execute a mutated statement, the shortest first.
