@@ -29,8 +29,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import hypothesis  # noqa: F401 - forks have it, as numpy
-import numpy as np  # noqa: F401
+import numpy as np  # noqa: F401 - a fork has it; packages of plug-ins of pytest must not be imported before it
 import pytest
 
 if TYPE_CHECKING:
