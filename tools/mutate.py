@@ -46,7 +46,7 @@ LONGEST_TESTS_S = 60.0
 MOST_PROCESSOR_S, MOST_SECONDS = 300, 900
 """A mutant may loop or wait without end."""
 PLACES_A_FILE = 3
-"""Random places in a file, because to list its mutants takes seconds."""
+"""Random places in a file. To list the mutants of a file takes as long as some tests."""
 COVERAGE = """\
 [run]
 source = {source}
