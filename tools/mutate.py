@@ -1,13 +1,14 @@
-"""Mutation test of changed code: change one operator at a time, and list the changes that no test notices.
+"""Mutation test: change one operator, number or branch at a time, and list the changes that no test notices.
 
     make mutate                    the lines that the last commit changed
     make mutate BASE=HEAD~3        the lines that differ from that commit
     make mutate FILES="a.py b.py"  whole files
-    make mutate COUNT=60 SEED=1    so many changes at random places of all packages; the seed repeats them
+    make mutate COUNT=60 SEED=1    so many changes at random places of all packages, or of FILES; the seed repeats them
 
-Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Each file is tested with
-the fast unit tests that import it, then with those of its package. Random places are only in files that a unit test
-imports, and only these tests run. Exit status 1 means that a mutant survived.
+Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Coverage.py measures first
+which tests execute which line: all fast and medium tests for random places, which build/ keeps for the commit, else the
+unit tests that import the files or are of their packages. Each mutant is tested with the tests that execute its
+statement. Exit status 1 means that a mutant survived.
 """
 
 from __future__ import annotations
@@ -17,35 +18,49 @@ import ast
 import os
 import random
 import re
-import shlex
-import shutil
+import resource
+import signal
 import subprocess
 import sys
+from collections import defaultdict
 from collections.abc import Iterator
+from difflib import unified_diff
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np  # noqa: F401 - a fork has it; packages of plug-ins of pytest must not be imported before it
+import pytest
 
 if TYPE_CHECKING:
     from cosmic_ray.work_item import MutationSpec, WorkItem
 
 ROOT = Path(__file__).parents[1]
-CLONE = ROOT / "build" / "mutants"
+BUILD = ROOT / "build" / "mutants"
+CLONE = BUILD / "clone"
 PRODUCT = ("agent", "sim_core", "xitl_cli")
 GENERATED = "agent/wire/dialect.py"
-SLOWEST_TEST_S = 300.0  # a mutant may loop without end
+PYTEST = ("-p", "no:cacheprovider", "-m", "not slow and not realtime")
+LONGEST_TESTS_S = 60.0
+"""Time of the tests of one mutant without it. The longest tests beyond are left out."""
+MOST_PROCESSOR_S, MOST_SECONDS = 300, 900
+"""A mutant may loop or wait without end."""
 PLACES_A_FILE = 3
-"""Random places in a file. Its tests also run once without a change."""
-LONGEST_TESTS_S = 8.0
-"""Processor time of the tests of a file with random mutants."""
-_SLOW = re.compile(r"^pytestmark = .*\b(slow|realtime)\b", re.MULTILINE)
+"""Random places in a file. To list the mutants of a file takes as long as some tests."""
+COVERAGE = """\
+[run]
+source = {source}
+omit = {omit}
+relative_files = true
+"""
 GIT_FILTER = """\
 [cosmic-ray]
 [cosmic-ray.filters.git-filter]
 branch = "{base}"
 """
-NO_TESTS = 5
-"""Exit status of pytest without a test."""
+BITS = re.compile(r"BinaryOperator_(?:Add|Sub|Mul|Div|FloorDiv|Mod|Pow)_(?:[LR]Shift|Bit\w+)$")
+TIME = re.compile(r"(?m)^([\d.]+)s (?:call|setup|teardown) +(\S+?::\w+(?:::\w+)*)")
+FAILED = re.compile(r"(?m)^(?:FAILED|ERROR) (\S+?::\w+(?:::\w+)*)")
 Position = tuple[int, int]
 """Line and column."""
 
@@ -55,48 +70,62 @@ class Survival(NamedTuple):
 
     tested: int
     survived: int
+    unexecuted: int
+    """Of those that survived: at statements that no test executes."""
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--base", default="HEAD~1", help="mutate only lines that differ from this commit")
-    parser.add_argument("--count", type=int, default=0, help="mutate so many random places of all packages")
+    parser.add_argument(
+        "--count", type=int, default=0, help="mutate so many random places of all packages or of the files"
+    )
     parser.add_argument("--seed", type=int, default=1, help="seed of the random places")
-    parser.add_argument("files", nargs="*", help="mutate all lines of these files")
+    parser.add_argument("files", nargs="*", help="mutate these files")
     options = parser.parse_args()
-    files = options.files or changed_files(options.base)
-    if not files and not options.count:
+    anywhere = options.count and not options.files
+    files = options.files or (product_files() if anywhere else changed_files(options.base))
+    if not files:
         print(f"no product file differs from {options.base}")
         return 0
-    clone_head()
+    head = clone_head()
     os.chdir(CLONE)
-    os.environ.update(PYTHONPATH=str(CLONE), PYTHONDONTWRITEBYTECODE="1")  # the clone's modules, not the installed ones
-    if options.count:
-        results = mutate_anywhere(options.count, random.Random(options.seed))
+    os.environ["PYTHONPATH"] = sys.path[0] = str(CLONE)  # the clone's modules, not the installed ones
+    del sys.modules["tools"]
+    if anywhere:
+        suite = SuiteMap(BUILD / head, [])
     else:
-        results = [mutate(file, None if options.files else options.base) for file in files]
-    tested, survived = (sum(numbers) for numbers in zip(*results, strict=True))
-    print(f"{survived} of {tested} mutants survived, {1.0 - survived / max(tested, 1):.1%} were killed")
+        suite = SuiteMap(BUILD / "part", sorted({test for file in files for test in tests_of(file)}))
+    if options.count:
+        results = mutate_anywhere(files, options.count, random.Random(options.seed), suite)
+    else:
+        base = None if options.files else options.base
+        results = [mutate(file, mutants_of(file, base), suite) for file in files]
+    tested, survived, unexecuted = (sum(numbers) for numbers in zip(*results, strict=True))
+    print(
+        f"{survived} of {tested} mutants survived, {unexecuted} of them where no test goes; "
+        f"{1.0 - survived / max(tested, 1):.1%} were killed"
+    )
     return 1 if survived else 0
 
 
-def mutate_anywhere(count: int, draw: random.Random) -> list[Survival]:
-    """Test `count` mutants at random places of files with fast tests."""
+def mutate_anywhere(files: list[str], count: int, draw: random.Random, suite: SuiteMap) -> list[Survival]:
+    """Test `count` mutants at random places. Files are drawn without repetition, with probabilities by their lines."""
+    lines = {file: Path(file).read_bytes().count(b"\n") for file in files}
+    # Efraimidis and Spirakis 2006: the order of these keys is that of such draws.
+    keys = {file: draw.random() ** (1.0 / size) for file, size in lines.items() if size}
     results: list[Survival] = []
-    for file in random_files(draw):
-        results.append(mutate(file, None, draw))
-        if sum(result.tested for result in results) >= count:
+    for file in sorted(keys, key=keys.__getitem__, reverse=True):
+        left = count - sum(result.tested for result in results)
+        if left <= 0:
             break
+        results.append(mutate(file, random_mutants(mutants_of(file, None), draw)[:left], suite))
     return results
 
 
-def random_files(draw: random.Random) -> Iterator[str]:
-    """Draw product files that a unit test imports, without repetition, each with a probability by its lines."""
+def product_files() -> list[str]:
     named = git(ROOT, "ls-files", "--", *(f"{package}/*.py" for package in PRODUCT)).split()
-    lines = {name: (ROOT / name).read_bytes().count(b"\n") for name in named if name != GENERATED}
-    # Efraimidis and Spirakis 2006: the order of these keys is that of such draws.
-    keys = {name: draw.random() ** (1.0 / size) for name, size in lines.items() if size}
-    return (name for name in sorted(keys, key=keys.__getitem__, reverse=True) if importing_tests(name))
+    return [name for name in named if name != GENERATED]
 
 
 def changed_files(base: str) -> list[str]:
@@ -105,69 +134,170 @@ def changed_files(base: str) -> list[str]:
     return [name for name in named if name.endswith(".py") and name != GENERATED]
 
 
-def clone_head() -> None:
-    """The last commit in a clone: Cosmic Ray edits files in place."""
-    shutil.rmtree(CLONE, ignore_errors=True)
-    CLONE.parent.mkdir(exist_ok=True)
-    git(ROOT, "clone", "--quiet", "--shared", "--no-tags", str(ROOT), str(CLONE))
-    git(CLONE, "checkout", "--quiet", "--detach", git(ROOT, "rev-parse", "HEAD").strip())
+def clone_head() -> str:
+    """Clone the last commit, because Cosmic Ray edits files in place, and return its hash.
 
-
-def mutate(file: str, base: str | None, draw: random.Random | None = None) -> Survival:
-    """Test mutants of a file and print those that survived. base: only of lines that differ from this commit. draw:
-    only of PLACES_A_FILE random places, and none if the tests take longer than LONGEST_TESTS_S.
+    A clone of an earlier call stays with its compiled modules.
     """
-    from cosmic_ray.mutating import mutate_and_test
+    head = git(ROOT, "rev-parse", "HEAD").strip()
+    if not CLONE.is_dir():
+        BUILD.mkdir(parents=True, exist_ok=True)
+        git(ROOT, "clone", "--quiet", "--shared", "--no-checkout", "--no-tags", str(ROOT), str(CLONE))
+    git(CLONE, "checkout", "--quiet", "--force", "--detach", head)
+    return head
 
-    tests = importing_tests(file) if draw is not None else tests_of(file)
-    if not tests:
-        print(f"{file}: has no unit test")
-        return Survival(1, 1)
-    items = mutants_of(file, base)
-    if draw is not None:
-        items = random_mutants(items, draw)
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not realtime"]
-    command += tests
-    before_s = os.times().children_user
-    unchanged = subprocess.run(command, capture_output=True, text=True, check=False)
-    took_s = os.times().children_user - before_s
-    if not items or unchanged.returncode == NO_TESTS:
-        print(f"{file}: has no mutant or no fast test")
-        return Survival(0, 0)
-    if draw is not None and took_s > LONGEST_TESTS_S:
-        print(f"{file}: left out, because its tests take {took_s:.0f} s of processor time", flush=True)
-        return Survival(0, 0)
-    if unchanged.returncode:
-        sys.exit(f"{file}: its tests fail without a mutant:\n{unchanged.stdout}{unchanged.stderr}")
-    survived = 0
+
+class SuiteMap:
+    """Which tests execute which lines, and how long each test takes."""
+
+    def __init__(self, kept: Path, tests: list[str]) -> None:
+        """Measure these tests once, or read what an earlier call kept. Tests that fail are printed and left out.
+
+        kept: path of the files without suffix. tests: arguments of pytest; none means the whole suite, whose map is
+        kept for the commit.
+        """
+        from coverage import CoverageData
+
+        data, report = kept.with_suffix(".coverage"), kept.with_suffix(".txt")
+        if tests or not report.exists():
+            configuration = BUILD / "coverage.ini"
+            configuration.write_text(COVERAGE.format(source=",".join(PRODUCT), omit=GENERATED))
+            measured = ["--cov", f"--cov-config={configuration}", "--cov-context=test", "--cov-report="]
+            timed = ["--durations=0", "--durations-min=0", "-rfE"]
+            run = subprocess.run(
+                [sys.executable, "-m", "pytest", *PYTEST, *measured, *timed, *(tests or ("-n", "auto"))],
+                env={**os.environ, "COVERAGE_FILE": str(data)},
+                stdout=subprocess.PIPE,
+                text=True,
+                check=False,
+            )
+            if run.returncode not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+                sys.exit(f"the tests without a mutant ended with status {run.returncode}:\n{run.stdout}")
+            report.write_text(run.stdout)
+        self._data = CoverageData(str(data))
+        self._data.read()
+        failed = set(FAILED.findall(report.read_text()))
+        for test in sorted(failed):
+            print(f"{test}: left out, because it fails without a mutant")
+        self._times_s: dict[str, float] = defaultdict(float)
+        for seconds, test in TIME.findall(report.read_text()):
+            if test not in failed:
+                self._times_s[test] += float(seconds)
+        shortest = min(self._times_s, key=self._times_s.__getitem__, default="")
+        if not shortest or not pass_all([shortest]):
+            sys.exit(f"no test passes without a mutant; see {report}")
+
+    def tests_at(self, mutation: MutationSpec) -> list[str]:
+        """Return the tests that execute a mutated statement, the shortest first.
+
+        Statements outside of functions run at an import. Their tests are those that execute any line of the file, and
+        those of the test files that import it.
+        """
+        file = str(mutation.module_path)
+        contexts = self._data.contexts_by_lineno(file)
+        first, in_function = statement_at(Path(file), mutation.start_pos[0])
+        lines = range(first, mutation.end_pos[0] + 1) if in_function else contexts
+        tests = {context.partition("|")[0].partition("[")[0] for line in lines for context in contexts.get(line, ())}
+        if not in_function:
+            importing = set(importing_tests(file))
+            tests |= {test for test in self._times_s if test.partition("::")[0] in importing}
+        return sorted(tests & self._times_s.keys(), key=self._times_s.__getitem__)
+
+    def affordable(self, tests: list[str]) -> list[str]:
+        """Return the first of these tests that together take up to LONGEST_TESTS_S."""
+        total_s, chosen = 0.0, []
+        for test in tests:
+            total_s += self._times_s[test]
+            if chosen and total_s > LONGEST_TESTS_S:
+                break
+            chosen.append(test)
+        return chosen
+
+
+def mutate(file: str, items: list[WorkItem], suite: SuiteMap) -> Survival:
+    """Test mutants of a file and print those that survived."""
+    from cosmic_ray.mutating import use_mutation
+    from cosmic_ray.plugins import get_operator
+
+    survived = unexecuted = 0
+    near = set(importing_tests(file))
     for item in items:
-        result = mutate_and_test(item.mutations, shlex.join(command), SLOWEST_TEST_S)
-        if not result.is_killed:
+        mutation = item.mutations[0]
+        tests = suite.tests_at(mutation)
+        chosen = suite.affordable(tests)
+        near_tests = [test for test in chosen if test.partition("::")[0] in near]
+        far_tests = [test for test in chosen if test not in near_tests]
+        operator = get_operator(mutation.operator_name)()
+        with use_mutation(mutation.module_path, operator, mutation.occurrence) as (code, mutant):
+            killed = not pass_all(near_tests) or not pass_all(far_tests)
+        if not killed:
             survived += 1
-            print(result.diff, flush=True)
-    print(f"{file}: {survived} of {len(items)} survived {', '.join(tests)}", flush=True)
-    return Survival(len(items), survived)
+            unexecuted += not tests
+            print(f"{file}:{mutation.start_pos[0]}: survived {len(chosen)} of {len(tests)} tests")
+            print(*unified_diff(code.split("\n"), mutant.split("\n"), file, file, lineterm=""), sep="\n", flush=True)
+    print(f"{file}: {survived} of {len(items)} survived", flush=True)
+    return Survival(len(items), survived, unexecuted)
+
+
+def pass_all(tests: list[str]) -> bool:
+    """Run tests up to the first that fails, in a fork of this process, which has large libraries imported."""
+    if not tests:
+        return True
+    child = os.fork()
+    if not child:
+        signal.alarm(MOST_SECONDS)
+        resource.setrlimit(resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S))
+        quiet = os.open(os.devnull, os.O_RDWR)
+        for stream in range(3):
+            os.dup2(quiet, stream)
+        os._exit(pytest.main([*PYTEST, "-x", *tests]))
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) in (
+        pytest.ExitCode.OK,
+        pytest.ExitCode.NO_TESTS_COLLECTED,
+    )
+
+
+def statement_at(file: Path, line: int) -> tuple[int, bool]:
+    """Return the first line of the innermost statement at a line, and whether it is in the body of a function."""
+    around = [
+        node
+        for node in ast.walk(parsed(file))
+        if isinstance(node, ast.stmt) and node.lineno <= line <= (node.end_lineno or node.lineno)
+    ]
+    functions = (node for node in around if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+    in_function = any(function.body[0].lineno <= line for function in functions)
+    return max((node.lineno for node in around), default=line), in_function
+
+
+@cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_bytes())
 
 
 def mutants_of(file: str, base: str | None) -> list[WorkItem]:
     """Return the mutants of a file, or of its lines that differ from `base`.
 
-    Those of `X | Y` in annotations are left out, because nothing evaluates them.
+    Those of `X | Y` in annotations are left out, because nothing evaluates them, and bit operators in place of
+    arithmetic, because floats refuse them: any test that executes the line would kill them.
     """
     from cosmic_ray.commands import init
     from cosmic_ray.work_db import use_db
 
-    session = CLONE / "mutate.sqlite"
+    session = BUILD / "mutate.sqlite"
     session.unlink(missing_ok=True)
     with use_db(session) as database:
         init([Path(file)], database, {})
         if base:
-            configuration = CLONE / "mutate.toml"
+            configuration = BUILD / "mutate.toml"
             configuration.write_text(GIT_FILTER.format(base=git(ROOT, "rev-parse", base).strip()))
             program = Path(sys.executable).parent / "cr-filter-git"
             subprocess.run([program, "--config", configuration, session], check=True)
         unions = list(_annotations(Path(file)))
-        return [item for item in database.pending_work_items if not _is_in(unions, item.mutations[0])]
+        return [
+            item
+            for item in database.pending_work_items
+            if not _is_in(unions, item.mutations[0]) and not BITS.search(item.mutations[0].operator_name)
+        ]
 
 
 def random_mutants(items: list[WorkItem], draw: random.Random) -> list[WorkItem]:
@@ -187,7 +317,7 @@ def _is_in(unions: list[tuple[Position, Position]], mutation: MutationSpec) -> b
 
 def _annotations(file: Path) -> Iterator[tuple[Position, Position]]:
     """Yield begin and end of each annotation: line, column."""
-    for node in ast.walk(ast.parse(file.read_bytes())):
+    for node in ast.walk(parsed(file)):
         for name in ("annotation", "returns"):
             part = getattr(node, name, None)
             if isinstance(part, ast.expr):
@@ -197,25 +327,26 @@ def _annotations(file: Path) -> Iterator[tuple[Position, Position]]:
 
 
 def tests_of(file: str) -> list[str]:
-    """Fast unit tests of a module: the files that name it first, then the folder of its package."""
+    """Unit tests of a module: the files that import it, and the folder of its package."""
     unit = ROOT / "tests" / "unit"
     within = Path(file.removeprefix("xitl_cli/")).parents
     folder = next((unit / parent for parent in within if parent != Path() and (unit / parent).is_dir()), None)
     return [*importing_tests(file), *([str(folder.relative_to(ROOT))] if folder else [])]
 
 
+@cache
 def importing_tests(file: str) -> list[str]:
-    """Return the files of fast unit tests that name a module."""
+    """Return the files of tests that name a module."""
     module = file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
     package, _, name = module.rpartition(".")
     named = re.compile(rf"\b{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{re.escape(name)}\b")
-    return [test for test, text in _test_files().items() if named.search(text) and not _SLOW.search(text)]
+    return [test for test, text in _test_files().items() if named.search(text)]
 
 
 @cache
 def _test_files() -> dict[str, str]:
-    """Return the texts of all unit tests by their paths."""
-    tests = sorted((ROOT / "tests" / "unit").rglob("test_*.py"))
+    """Return the texts of all tests by their paths."""
+    tests = sorted((ROOT / "tests").rglob("test_*.py"))
     return {str(test.relative_to(ROOT)): test.read_text(encoding="utf-8") for test in tests}
 
 

@@ -160,6 +160,32 @@ def test_a_mission_loaded_again_is_one_version_and_a_changed_one_is_two() -> Non
     assert [version.at_ns for version in mission_versions(log)] == [1 * S, 30 * S]
 
 
+@pytest.mark.parametrize(("message", "scale"), [("MISSION_ITEM_INT", 1e7), ("MISSION_ITEM", 1.0)])
+def test_the_mission_of_a_telemetry_log_is_in_degrees(message: str, scale: float) -> None:
+    """Home, two waypoints, a change of speed, a waypoint without a place, a damaged row, and the first item again."""
+    lat_deg, lon_deg = [52.5, 52.6, -33.0, 0.0, 0.0, 99.0, 52.5], [13.0, 13.1, 151.2, 0.0, 0.0, 99.0, 13.0]
+    columns = {
+        "seq": [0, 1, 2, 3, 4, 60_000, 0],
+        "command": [16, 16, 21, 178, 16, 16, 16],
+        "x": np.round(np.array(lat_deg) * scale, 6),
+        "y": np.round(np.array(lon_deg) * scale, 6),
+        "z": [30.0, 1.0, 2.0, 0.0, 0.0, 0.0, 30.0],
+        "frame": [0, 3, 6, 2, 3, 3, 0],
+    }
+    log = MadeLog(MadeTable(message, np.arange(7) * S, columns), kind="tlog")
+    first, again = mission_versions(log)
+    assert (first.at_ns, again.at_ns, list(again.items)) == (0, 6 * S, [0])
+    assert list(first.items) == [0, 1, 2, 3, 4]
+    assert [(item.seq, item.command, item.altitude_m, item.frame) for item in first.places] == [
+        (1, 16, 1.0, 3),
+        (2, 21, 2.0, 6),
+    ]
+    assert [(item.latitude_deg, item.longitude_deg) for item in first.places] == [
+        pytest.approx((52.6, 13.1)),
+        pytest.approx((-33.0, 151.2)),
+    ]
+
+
 def test_a_mission_that_was_changed_under_way() -> None:
     other = [SQUARE[0], SQUARE[1], (100.0, 80.0)]
     section = section_of(

@@ -6,6 +6,7 @@ from made_log import MadeLog, MadeTable
 
 from xitl_cli.logs.model.sections import Finding, Severity
 from xitl_cli.plugins.logs.analyses import radio
+from xitl_cli.plugins.logs.analyses.outputs import OutputRange
 
 S = 1_000_000_000
 STAMPS = np.arange(600) * S // 10
@@ -56,6 +57,15 @@ def test_the_throttle_of_a_plane_has_no_trim() -> None:
 def test_gear_and_gripper_rest_at_their_ends(function: float) -> None:
     ends = {"SERVO1_MIN": 1000.0, "SERVO1_MAX": 2000.0, "SERVO1_TRIM": 1500.0}
     assert not saturated(np.full(600, 2000), ROVER, SERVO1_FUNCTION=function, **ends)
+
+
+def test_a_command_is_the_share_of_the_range_from_neutral_to_an_end() -> None:
+    pulses_us = np.array([1000.0, 1250.0, 1500.0, 1700.0, 1900.0])
+    commands = [-1.0, -0.5, 0.0, 0.5, 1.0]
+    assert OutputRange(1000.0, 1900.0, 1500.0, False, True).command(pulses_us) == pytest.approx(commands)
+    assert -OutputRange(1000.0, 1900.0, 1500.0, True, True).command(pulses_us) == pytest.approx(commands)
+    from_low = OutputRange(1000.0, 2000.0, 1000.0, False, True).command(np.array([900.0, 1000.0, 1250.0, 2000.0]))
+    assert from_low == pytest.approx([0.0, 0.0, 0.25, 1.0])
 
 
 def test_without_parameters_what_it_holds_while_disarmed_is_rest() -> None:

@@ -112,6 +112,16 @@ def test_gust_densities_have_their_closed_integrals() -> None:
     assert npd_density(np.array([0.0]), 20.0, 40.0)[0] == pytest.approx(320.0 * 4.0 * 4.0**0.45)
 
 
+def test_gust_densities_have_their_lengths() -> None:
+    """Davenport and Harris at one wave per 1200 and 1800 m. NPD at 0.01 Hz, x = 1.720 and 2.577, worked by hand."""
+    davenport = davenport_density(np.array([9.0 / 1200.0]), 9.0, 10.0)[0]
+    assert davenport * 9.0 / 1200.0 == pytest.approx(4.0 * 0.003 * 81.0 / 2.0 ** (4.0 / 3.0))
+    harris = harris_density(np.array([9.0 / 1800.0]), 9.0, 10.0)[0]
+    assert harris * 9.0 / 1800.0 == pytest.approx(4.0 * 0.003 * 81.0 / 3.0 ** (5.0 / 6.0))
+    assert npd_density(np.array([0.01]), 10.0, 10.0)[0] == pytest.approx(16.765, rel=1e-4)
+    assert npd_density(np.array([0.01]), 20.0, 40.0)[0] == pytest.approx(84.30, rel=1e-4)
+
+
 def test_unknown_and_impossible_gusts_are_refused() -> None:
     with pytest.raises(ValueError, match=r"kaimal.*npd, harris, davenport"):
         SpectralGust.from_spectrum("kaimal", 5.0, 10.0)

@@ -152,9 +152,11 @@ def receiver_delay(log: Log, unit: InertialUnit, receiver: GnssReceiver) -> Sens
     turned = quat_to_matrix(euler_to_quat(np.radians(euler))) @ unit.accel_mps2[:, :, None]
     rows = np.isfinite(turned[:, :2, 0]).all(axis=1)
     time_s = ((unit.stamp_ns - unit.stamp_ns[0]) * 1e-9)[rows]
-    integral = np.concatenate(
-        [np.zeros((1, 2)), np.cumsum(turned[rows][:-1, :2, 0] * np.diff(time_s)[:, None], axis=0)]
-    )
+    accel = turned[rows][:, :2, 0]
+    changes = (
+        0.5 * (accel[:-1] + accel[1:]) * np.diff(time_s)[:, None]
+    )  # trapezoids: rectangles would be half a step late
+    integral = np.concatenate([np.zeros((1, 2)), np.cumsum(changes, axis=0)])
     windows = []
     for start_s in np.arange(time_s[0] + 1.0, time_s[-1] - _DELAY_WINDOW_S, _DELAY_WINDOW_S):
         inside = (fix_s >= start_s) & (fix_s < start_s + _DELAY_WINDOW_S)

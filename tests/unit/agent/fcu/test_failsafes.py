@@ -70,6 +70,25 @@ def test_going_on_in_auto_but_not_in_guided() -> None:
 
 
 @pytest.mark.medium
+@pytest.mark.parametrize(("action", "mode"), [(3, "RTL"), (4, "HOLD")])
+def test_without_a_path_for_smart_rtl_the_next_mode_of_the_action_is_chosen(action: int, mode: str) -> None:
+    ship = under_way(modes.AUTO, FS_ACTION=action, SRTL_POINTS=0)
+    hear(ship, 1)
+    ship.sail(8.0)
+    assert ship.mode == mode
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("mode", [modes.HOLD, modes.RTL])
+def test_a_vessel_that_holds_or_returns_keeps_its_mode_without_a_ground_station(mode: int) -> None:
+    ship = under_way(mode, FS_ACTION=6)
+    hear(ship, 1)
+    ship.sail(8.0)
+    assert ship.autopilot.failsafes.active == ("GCS",)
+    assert ship.mode == modes.NAMES[mode]
+
+
+@pytest.mark.medium
 def test_a_station_never_heard_of_or_another_one_is_not_missed() -> None:
     ship = under_way(modes.AUTO)
     ship.sail(10.0)
@@ -125,6 +144,21 @@ def test_a_compass_and_a_receiver_that_disagree_are_bad_after_a_second() -> None
     for fair in (InnovationRatios(9.0, 0.0, 9.0, 0.0), InnovationRatios(0.0, 0.7, 0.0, 0.0)):
         assert not watches.update_ekf(False, fair, True, 4 * SECOND)
         assert not watches.update_ekf(False, fair, True, 9 * SECOND)
+
+
+def test_a_threshold_of_zero_accepts_all_test_ratios() -> None:
+    monitor = FailsafeMonitor(Parameters({"FS_EKF_THRESH": 0.0}))
+    for second in range(5):
+        assert not monitor.update_ekf(False, InnovationRatios(100.0, 100.0, 100.0, 100.0), True, second * SECOND)
+
+
+@pytest.mark.parametrize(("accepted", "armed", "lost"), [(0, False, False), (0, True, True), (1, False, True)])
+def test_a_silent_imu_is_lost_after_its_first_sample_or_when_armed(accepted: int, armed: bool, lost: bool) -> None:
+    monitor = FailsafeMonitor(Parameters({"FS_IMU_TIMEOUT": 0.5}))
+    assert not monitor.update_imu(accepted, armed, 0)
+    assert not monitor.update_imu(accepted, armed, SECOND // 2)
+    assert monitor.update_imu(accepted, armed, SECOND // 2 + 1) == lost
+    assert monitor.imu.active == lost
 
 
 def test_a_disarmed_vessel_does_not_need_a_ground_station() -> None:

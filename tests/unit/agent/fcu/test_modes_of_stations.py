@@ -8,6 +8,7 @@ import pytest
 from boat import LAT_DEG, LON_DEG, degrees
 from steered_boat import SteeredBoat
 
+from agent.fcu.fence import CIRCLE_IN, FenceItem
 from agent.fcu.mission import (
     AUX_FUNCTION,
     FENCE_ENABLE,
@@ -147,6 +148,44 @@ def test_an_auxiliary_function_of_a_mission_switches_the_mode() -> None:
     ship.set_out(modes.AUTO)
     ship.sail(0.1)
     assert ship.mode == "LOITER"
+
+
+def test_switches_act_as_those_of_a_transmitter() -> None:
+    """Numbers of RCx_OPTION in ArduRover. A switch has the positions 0 low, 1 middle, 2 high."""
+    fence, mission_reset, clear_mission, disarm, arm_disarm = 11, 24, 58, 81, 153
+    ship = SteeredBoat()
+    ship.sail(12.0)
+    autopilot, switch = ship.autopilot, ship.autopilot.commands.aux_function
+
+    armed = []
+    for function, position in (
+        (arm_disarm, 1),
+        (arm_disarm, 2),
+        (arm_disarm, 1),
+        (disarm, 0),
+        (disarm, 2),
+        (disarm, 0),
+    ):
+        assert switch(function, position) == ""
+        armed.append(autopilot.state.armed)
+    assert armed == [False, True, True, True, False, False]
+    assert switch(arm_disarm, 2) == ""
+    assert switch(arm_disarm, 0) == ""
+    assert not autopilot.state.armed
+
+    autopilot.commands.set_mission(make_mission([HOME, *(waypoint(*degrees(float(n), 0.0)) for n in (10, 20, 30))]))
+    autopilot.commands.set_current(2)
+    for function, position, current in ((mission_reset, 0, 2), (clear_mission, 1, 2), (mission_reset, 2, 1)):
+        assert switch(function, position) == ""
+        assert autopilot.navigator.progress.current == current
+    assert len(autopilot.navigator.mission.items) == 4
+    assert switch(clear_mission, 2) == ""
+    assert len(autopilot.navigator.mission.items) == 0
+
+    autopilot.commands.set_fence([FenceItem(CIRCLE_IN, LAT_DEG, LON_DEG, 50.0)])
+    for position, enabled in ((2, True), (1, False), (2, True), (0, False)):
+        assert switch(fence, position) == ""
+        assert autopilot.fence.enabled == enabled
 
 
 def test_a_servo_is_moved_to_and_fro() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 from pathlib import Path
 
@@ -25,6 +26,13 @@ def test_the_table_is_sound() -> None:
         assert row.low <= row.default <= row.high, row.name
         assert len(row.name) <= 16  # what PARAM_VALUE holds
         assert row.meaning
+
+
+def test_defaults_and_limits_change_only_on_purpose(golden: Golden) -> None:
+    """Failsafes, fence and gains act by these numbers. Of channels, outputs and motors, only those of the first."""
+    rows = [row for row in TABLE if not re.match(r"[A-Z]+([02-9]|1\d)", row.name)]
+    lines = [f"{row.name} {row.default:.9g}, {row.low:.9g} to {row.high:.9g} {row.unit}".strip() for row in rows]
+    golden("table", "\n".join(lines))
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,25 @@ def test_a_turn_at_a_constant_rate_is_exact() -> None:
     assert state[1:5] == pytest.approx(expected, abs=1e-9)
 
 
+def test_a_long_step_has_the_sine_and_cosine_of_its_angle() -> None:
+    """0.8 rad in one step. Their series end before h^6/720 and h^7/5040, for half the angle h."""
+    axis = (2.0 / 3.0, -1.0 / 3.0, 2.0 / 3.0)
+    rate = (2.0 * axis[0], 2.0 * axis[1], 2.0 * axis[2])
+    turned = propagate(at_rest((1.0, 0.0, 0.0, 0.0), rate), ImuMeasurement(400_000_000, rate, ZERO), ZERO, ZERO, 0.0)
+    assert turned[1:5] == pytest.approx((math.cos(0.4), *(part * math.sin(0.4) for part in axis)), abs=6e-6)
+
+
+def test_the_offset_is_added_to_the_rate_and_the_bias_subtracted_from_the_acceleration() -> None:
+    rate, offset, bias = (0.1, -0.2, 0.3), (-0.1, 0.2, -0.3), (0.4, -0.5, 0.6)
+    state = at_rest((1.0, 0.0, 0.0, 0.0), rate)
+    for step in range(1, 201):
+        state = propagate(state, ImuMeasurement(step * 5_000_000, rate, ZERO), offset, bias, 0.0)
+    assert state[1:5] == pytest.approx((1.0, 0.0, 0.0, 0.0), abs=1e-12)
+    assert state[5:8] == pytest.approx((-0.4, 0.5, -0.6))
+    assert state[8:11] == pytest.approx((-0.2, 0.25, -0.3))
+    assert (state.sum_north_mps, state.sum_east_mps) == (0.0, 0.0)
+
+
 def test_a_quaternion_off_unit_length_comes_back() -> None:
     state = at_rest((1.02, 0.0, 0.0, 0.0))
     for step in range(1, 6):

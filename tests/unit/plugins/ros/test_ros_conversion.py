@@ -106,6 +106,24 @@ def test_fix_has_the_place_and_the_receivers_accuracy(conversion: RosConversion)
     assert [velocity.x, velocity.y, velocity.z] == pytest.approx([1.0, 2.0, -0.5])
 
 
+def test_sensors_have_the_variance_of_a_sample_of_their_white_noise(
+    conversion: RosConversion, profile: RunProfile
+) -> None:
+    """A density d sampled at a rate f has the variance d^2 f."""
+    sensors = profile.sensors
+    imu = read(sent(conversion, dialect.MAVLink_xitl_imu_message(0, [0.0] * 3, [0.0] * 3, 20.0)), "/imu/data")
+    gyro = sensors.imu.gyro_noise_density_radpsprthz**2 * sensors.imu.rate_hz
+    accel = sensors.imu.accel_noise_density_mps2prthz**2 * sensors.imu.rate_hz
+    assert imu.angular_velocity_covariance.reshape(3, 3) == pytest.approx(np.eye(3) * gyro, rel=1e-6, abs=0.0)
+    assert imu.linear_acceleration_covariance.reshape(3, 3) == pytest.approx(np.eye(3) * accel, rel=1e-6, abs=0.0)
+    compass = read(sent(conversion, dialect.MAVLink_xitl_magnetometer_message(0, [0.2, 0.0, 0.4])), "/magnetic_field")
+    gauss2 = sensors.magnetometer.noise_density_gaussprthz**2 * sensors.magnetometer.rate_hz
+    tesla2 = compass.magnetic_field_covariance.reshape(3, 3)
+    assert tesla2 == pytest.approx(np.eye(3) * gauss2 * 1e-8, rel=1e-6, abs=0.0)
+    barometer = read(sent(conversion, dialect.MAVLink_xitl_barometer_message(0, 101_325.0, 20.0)), "/fluid_pressure")
+    assert barometer.variance == pytest.approx(sensors.barometer.noise_pa**2)
+
+
 def test_a_receiver_without_a_fix_says_so(conversion: RosConversion) -> None:
     message = dialect.MAVLink_xitl_gnss_message(2_000_000, 0, 0, 0, [0.0] * 3, 1.0, 1.0, 1.0, 0, 0)
     found = sent(conversion, message)

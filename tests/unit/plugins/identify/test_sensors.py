@@ -1,0 +1,99 @@
+"""Sensors of a log that is made of known noise, with a receiver of known latency."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.unit.logs.made_log import MadeLog, MadeTable
+from xitl_cli.plugins.identify.sensors import SensorEstimate, SensorValue, identify_sensors
+
+REST_S, END_S = 610.0, 680.0
+LAT_DEG, LON_DEG, METRES_PER_DEG = 60.0, 20.0, 111_194.9
+HEADING_RAD = math.radians(30.0)
+AHEAD = np.array([math.cos(HEADING_RAD), math.sin(HEADING_RAD)])
+GYRO_RADPS, ACCEL_MPS2, IMU_HZ = 1e-3, 0.02, 50.0
+GYRO_BIAS_RADPS = np.array([3e-3, -1e-3, 2e-3])
+PLACE_M, DRIFT_M, SPEED_MPS, GNSS_HZ, LATENCY_S = 0.1, 0.5, 0.02, 5.0, 0.12
+BAROMETER_PA, BAROMETER_HZ = 1.5, 10.0
+
+
+def speed_mps(time_s: np.ndarray) -> np.ndarray:
+    """A boat at rest that then surges with a period of 8 s."""
+    return np.where(time_s < REST_S, 0.0, 0.75 * (1.0 - np.cos(2.0 * np.pi * (time_s - REST_S) / 8.0)))
+
+
+def acceleration_mps2(time_s: np.ndarray) -> np.ndarray:
+    return np.where(time_s < REST_S, 0.0, 0.75 * np.pi / 4.0 * np.sin(2.0 * np.pi * (time_s - REST_S) / 8.0))
+
+
+@pytest.fixture(scope="module")
+def found() -> SensorEstimate:
+    rng = np.random.default_rng(4)
+    imu_s, fix_s, baro_s = (np.arange(0.0, END_S, 1.0 / rate) for rate in (IMU_HZ, GNSS_HZ, BAROMETER_HZ))
+    gyro = GYRO_BIAS_RADPS + GYRO_RADPS * rng.standard_normal((len(imu_s), 3))
+    accel = np.array([0.0, 0.0, -9.81]) + ACCEL_MPS2 * rng.standard_normal((len(imu_s), 3))
+    accel[:, 0] += acceleration_mps2(imu_s)
+    inertial = {f"Gyr{axis}": gyro[:, n] for n, axis in enumerate("XYZ")}
+    inertial |= {f"Acc{axis}": accel[:, n] for n, axis in enumerate("XYZ")}
+    attitude = {"Roll": 0.0, "Pitch": 0.0, "Yaw": math.degrees(HEADING_RAD)}
+    drift = DRIFT_M * np.sin(2.0 * np.pi * fix_s / 200.0)
+    place = drift[:, None] + PLACE_M * rng.standard_normal((len(fix_s), 2))
+    velocity = speed_mps(fix_s - LATENCY_S)[:, None] * AHEAD + SPEED_MPS * rng.standard_normal((len(fix_s), 2))
+    fixes = {
+        "Status": np.full(len(fix_s), 3),
+        "NSats": np.full(len(fix_s), 12),
+        "Lat": LAT_DEG + place[:, 0] / METRES_PER_DEG,
+        "Lng": LON_DEG + place[:, 1] / METRES_PER_DEG / math.cos(math.radians(LAT_DEG)),
+        "Spd": np.hypot(*velocity.T),
+        "GCrs": np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0])) % 360.0,
+    }
+    pressure = {"Press": 101_325.0 + BAROMETER_PA * rng.standard_normal(len(baro_s))}
+    return identify_sensors(
+        MadeLog(
+            MadeTable("IMU", np.round(imu_s * 1e9), inertial),
+            MadeTable("ATT", np.round(imu_s * 1e9), {name: np.full(len(imu_s), at) for name, at in attitude.items()}),
+            MadeTable("GPS", np.round(fix_s * 1e9), fixes),
+            MadeTable("BARO", np.round(baro_s * 1e9), pressure),
+        )
+    )
+
+
+def value(found: SensorEstimate, key: str) -> SensorValue:
+    return next(own for own in found.values if own.key == key)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("key", "expected", "tolerance"),
+    [
+        ("imu.rate_hz", IMU_HZ, 0.0),
+        ("imu.gyro_noise_density_radpsprthz", GYRO_RADPS / math.sqrt(IMU_HZ), 0.03),
+        ("imu.accel_noise_density_mps2prthz", ACCEL_MPS2 / math.sqrt(IMU_HZ), 0.03),
+        ("imu.gyro_turn_on_bias_radps", math.sqrt(14.0 / 3.0) * 1e-3, 0.03),
+        ("gnss.rate_hz", GNSS_HZ, 0.0),
+        ("gnss.horizontal_noise_m", PLACE_M, 0.05),
+        ("gnss.horizontal_drift_m", DRIFT_M / math.sqrt(2.0), 0.05),
+        ("gnss.velocity_noise_mps", SPEED_MPS, 0.05),
+        ("gnss.latency_s", LATENCY_S, 0.02),
+        ("barometer.rate_hz", BAROMETER_HZ, 0.0),
+        ("barometer.noise_pa", BAROMETER_PA, 0.05),
+    ],
+)
+def test_noise_and_latency_are_those_of_the_log(
+    found: SensorEstimate, key: str, expected: float, tolerance: float
+) -> None:
+    assert value(found, key).value == pytest.approx(expected, rel=tolerance)
+
+
+@pytest.mark.medium
+def test_standard_errors_fall_with_the_root_of_the_samples(found: SensorEstimate) -> None:
+    fixes, pressures = REST_S * GNSS_HZ, REST_S * BAROMETER_HZ
+    assert value(found, "gnss.horizontal_noise_m").sigma == pytest.approx(PLACE_M / math.sqrt(2.0 * fixes), rel=0.06)
+    assert value(found, "barometer.noise_pa").sigma == pytest.approx(
+        BAROMETER_PA / math.sqrt(2.0 * pressures), rel=0.06
+    )
+    assert found.rest_s == pytest.approx(REST_S, abs=2.0)
+    assert found.lacks == ()
