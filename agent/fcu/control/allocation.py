@@ -32,6 +32,11 @@ def pulse_width_us(command: float) -> int:
     return 1500 + round(400.0 * command)
 
 
+def whole_microseconds(command: float) -> float:
+    """Return the command of the pulse width that a command is sent as."""
+    return (pulse_width_us(command) - 1500) / 400.0
+
+
 class AllocationGains(NamedTuple):
     """Gains of the allocation."""
 

@@ -22,7 +22,7 @@ def test_manual_passes_the_sticks_through_and_centres_them_when_nobody_holds_the
     """Thrust 1 is both full ahead; half of it is a command of sqrt(0.5), the thrust being square in the command."""
     ship = SteeredBoat(MOT_SLEWRATE=0.0, RC3_DZ=0.0, RC1_DZ=0.0).set_out(modes.MANUAL)
     ship.hold_sticks(0.3, 0, 500)
-    assert ship.command == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
+    assert ship.command == (283 / 400, 283 / 400)  # of whole microseconds
     ship.hold_sticks(0.3, 250, 0)
     assert ship.command[0] > 0.0 > ship.command[1]
     ship.sail(2.7)
