@@ -11,7 +11,6 @@ Between solutions, the noise of each quantity is estimated from its residuals, a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -26,7 +25,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.free_keys import FreeKey, priors, with_values
 from xitl_cli.plugins.identify.recording import QUANTITIES, Floats
 from xitl_cli.plugins.identify.sandwich import Sandwich
-from xitl_cli.plugins.identify.windows import COMMAND_S, NAMES, OF_POSITION, OUTPUT_S, Simulator, Windows
+from xitl_cli.plugins.identify.windows import NAMES, OF_POSITION, OUTPUT_S, Simulator, Windows
 
 SHARED = (("command delay", "s", 0.1), ("delay of position and velocity", "s", 0.1), ("delay of yaw rate", "s", 0.02))
 OF_RECORDING = (
@@ -50,7 +49,6 @@ _MOST_CHANGE = np.array([20.0, 20.0, 0.5, 1.0, 1.0, 0.5])
 """Largest correction of an initial state in a round."""
 _FAR, _FARTHEST = 1e3, 4.0
 _KEY_STEP, _DELAY_STEP_S, _WIND_STEP_MPS, _SMALL = 2e-3, 0.01, 0.05, 1e-5
-_COMMAND_STEP, _HELD_S = 0.005, 1.0
 _HUBER = 2.0
 _DELAY_OF = np.array([{"yaw": 0, "yaw_rate": 2}.get(name, 1) for name in NAMES])
 """Number in SHARED of the delay of each quantity. Yaw gives the time: 0 stands for none."""
@@ -106,8 +104,6 @@ class _Problem:
     wind: bool
     robust: bool
     evaluations: int = 0
-    rounding: Floats | None = None
-    """(M, C) change of the samples by a standard deviation of the rounding of each command; None for exact ones."""
     _rows: list[slice] = field(default_factory=list)
     _moved_at: bytes = b""
     _moved_kept: tuple[Floats, Floats, Floats] | None = None
@@ -138,7 +134,6 @@ class _Problem:
             change = np.linalg.lstsq(local[rows] * weight[rows], residual[rows], rcond=1e-9)[0]
             self.starts[window] -= np.clip(change, -_MOST_CHANGE, _MOST_CHANGE)
         self._moved_at = self._slopes_at = b""
-        self.rounding = self._rounding(x)
 
     def reweighted(self, x: Floats) -> dict[str, float]:
         """Weight the residuals at x anew, and return the noise of each quantity, robust."""
@@ -155,25 +150,13 @@ class _Problem:
         return noise
 
     def _projected(self, local: Floats, columns: Floats) -> Floats:
-        """Return columns without the part in the space of the initial states of their window.
-
-        The rounding of the commands is one more error of each window. Its part becomes smaller, as by the root of the
-        inverse covariance of all errors, I + G G^T.
-        """
+        """Return columns without the part in the space of the initial states of their window."""
         result = columns.copy()
         for rows in self._rows:
             # An orthonormal basis of the columns, with columns of 0 where they depend on each other
-            of_states = local[rows] * self.weight[rows, None]
-            left, values, _ = np.linalg.svd(of_states, full_matrices=False)
-            kept = values > 1e-9 * max(float(values[0]), 1e-300)
-            basis = np.zeros_like(of_states)
-            basis[:, : len(values)] = left * kept
+            left, values, _ = np.linalg.svd(local[rows] * self.weight[rows, None], full_matrices=False)
+            basis = left * (values > 1e-9 * max(float(values[0]), 1e-300))
             result[rows] -= basis @ (basis.T @ columns[rows])
-            if self.rounding is not None:
-                of_commands = self.rounding[rows] * self.weight[rows, None]
-                of_commands -= basis @ (basis.T @ of_commands)
-                left, size, _ = np.linalg.svd(of_commands, full_matrices=False)
-                result[rows] -= (left * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ (left.T @ result[rows])
         return result
 
     # Simulated samples, without weights
@@ -228,49 +211,15 @@ class _Problem:
         self._slopes_at, self._slopes_kept = x.tobytes(), columns
         return columns
 
-    def _rounding(self, x: Floats) -> Floats | None:
-        """Return `rounding` at x."""
-        steps = self._command_steps()
-        if not steps.any():
-            return None
-        channels = np.eye(self.windows.recordings[0].commands.shape[1])
-        rounding: Floats = np.stack([self._of_rounding(x, own) for own in channels], axis=1)
-        return rounding
-
-    def rounding_scores(self, x: Floats) -> Floats:
-        """Return the scores (K, P + Q) of the rounding of each value that commands are held at.
-
-        Equal values have equal errors, in all channels and recordings.
-        """
-        scores = [np.zeros((0, len(x)))]
-        if not self._command_steps().any():
-            return scores[0]
-        jacobian, commands = self.jacobian(x)[: len(self.weight)], self.windows.commands(0.0)
-        held, counts = np.unique(np.round(commands, 6), return_counts=True)
-        for level in held[(counts * COMMAND_S > _HELD_S) & (np.abs(held) < 1.0)]:
-            changed = (np.abs(commands - level) < 1e-5).astype(np.float64)
-            slope = self._projected(self._moved(x)[2], (self._of_rounding(x, changed) * self.weight)[:, None])
-            scores.append(slope.T @ jacobian)
-        return np.concatenate(scores)
-
-    def _command_steps(self) -> Floats:
-        """Return the resolution of the commands of each sample, (M,)."""
-        return np.array([own.command_step for own in self.windows.recordings])[self.windows.of[self.windows.window]]
-
-    def _of_rounding(self, x: Floats, changed: Floats) -> Floats:
-        """Return the change (M,) of the samples by a standard deviation of the rounding of the changed commands."""
-        motion = self._motion(x, self.starts[:, 2:], _COMMAND_STEP * changed)
-        return self._slope(motion, x, self._moved(x)[1], _COMMAND_STEP) * self._command_steps() / math.sqrt(12.0)
-
     def _slope(self, motion: Floats, other: Floats, base: Floats, step: float) -> Floats:
         return np.nan_to_num((self._measured(motion, other) - base) / step, posinf=0.0, neginf=0.0)
 
     # Simulation and measurement
-    def _motion(self, x: Floats, begin: Floats, added: Floats | float = 0.0) -> Floats:
-        """Return the motion of all windows. added: to the commands."""
+    def _motion(self, x: Floats, begin: Floats) -> Floats:
+        """Return the motion of all windows."""
         vessel = with_values(self.vessel, self.keys, x[: len(self.keys)])
         repeats = len(begin) // len(self.windows)
-        commands = np.tile(self.windows.commands(float(x[len(self.keys)])) + added, (repeats, 1, 1))
+        commands = np.tile(self.windows.commands(float(x[len(self.keys)])), (repeats, 1, 1))
         around = self._of_windows(x)
         before, wind = self.windows.before(around[:, :2], around[:, 2]), self.windows.wind() + around[:, None, _WIND:]
         return self.plant.motion(vessel, np.tile(before, (repeats, 1)), begin, commands, np.tile(wind, (repeats, 1, 1)))
@@ -395,5 +344,4 @@ def _sandwich(problem: _Problem, x: Floats) -> Sandwich:
     residual, jacobian = problem.residuals(x)[:count], problem.jacobian(x)[:count]
     apart_s = np.abs(windows.start_s[:, None] - windows.start_s)
     adjacent = (windows.of[:, None] == windows.of) & (apart_s > 0.0) & (apart_s < 1.5 * windows.length_s)
-    shared = problem.rounding_scores(x)
-    return Sandwich.from_windows(residual, jacobian, problem._rows, adjacent.astype(np.float64), problem.prior, shared)
+    return Sandwich.from_windows(residual, jacobian, problem._rows, adjacent.astype(np.float64), problem.prior)

@@ -45,9 +45,7 @@ def read_log(path: Path, vessel: VesselSpec, replay: ReplaySpec, source: str) ->
     if "north" not in channels:
         lacking = "GPS" if source == "receiver" else "POS or XKF1 (DataFlash), GLOBAL_POSITION_INT (telemetry)"
         raise UserError(f"{path} has no position; record {lacking} or a pose (ROS)")
-    whole = all(pulse % 1.0 == 0.0 for own in pulses.pulses_us.values() for pulse in own)
-    step = 1.0 / replay.span_us if whole else 0.0
-    return Recording(str(path), channels, command_s[keep], commands[keep], command_step=step)
+    return Recording(str(path), channels, command_s[keep], commands[keep])
 
 
 def _estimated_channels(log: Log, zero_ns: int) -> dict[Quantity, Samples]:

@@ -85,8 +85,6 @@ class Recording:
     """(K, C) in [-1, 1], in the order of the vessel."""
     wind_ne_mps: tuple[Samples, Samples] | None = None
     """Velocity of the air over ground, north and east, where it was measured."""
-    command_step: float = 0.0
-    """Resolution of the commands, such as 1 µs as a share of the span; 0 for exact ones."""
 
     @property
     def span_s(self) -> tuple[float, float]:

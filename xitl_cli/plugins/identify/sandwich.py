@@ -1,9 +1,8 @@
 """Standard errors of least squares whose residuals are correlated within a window and with those of the next one.
 
-    V = B (sum_ij k_ij s_i s_j^T + P + Q^T Q) B,   B = (J^T J + P)^-1,   s_i = J_i^T (I - J_i B J_i^T)^(-1/2) e_i
+    V = B (sum_ij k_ij s_i s_j^T + P) B,   B = (J^T J + P)^-1,   s_i = J_i^T (I - J_i B J_i^T)^(-1/2) e_i
 
-e_i and J_i are residuals and derivatives of window i, and P is the precision of the priors. Rows of Q are the scores of
-errors of known size that windows share, such as rounded commands. Sums over windows are those
+e_i and J_i are residuals and derivatives of window i, and P is the precision of the priors. Sums over windows are those
 of Liang and Zeger (1986). The root makes them unbiased for white residuals (CR2; Bell and McCaffrey 2002). k is
 Bartlett's kernel (Newey and West 1987): 1 for a window with itself, and a half for adjacent ones.
 
@@ -50,24 +49,15 @@ class Sandwich:
     """(W, P, P) M_i (I - M_i)^-1."""
     kernel: Floats
     """(W, W) k."""
-    shared: Floats
-    """(K, P) Q."""
 
     @classmethod
     def from_windows(
-        cls,
-        residual: Floats,
-        jacobian: Floats,
-        rows: Sequence[slice],
-        adjacent: Floats,
-        prior: Floats,
-        shared: Floats | None = None,
+        cls, residual: Floats, jacobian: Floats, rows: Sequence[slice], adjacent: Floats, prior: Floats
     ) -> Sandwich:
         """Compute the sums.
 
         residual: (M,) and jacobian: (M, P), weighted to a standard deviation of 1. rows: of each of the W windows.
         adjacent: (W, W) 1 for windows of which one follows the other. prior: (P,) standard deviations, may be infinite.
-        shared: (K, P) scores of errors that windows share, None for none.
         """
         precision, count = prior**-2.0, len(prior)
         information = np.stack([jacobian[own].T @ jacobian[own] for own in rows])
@@ -85,12 +75,11 @@ class Sandwich:
             (vectors * (rest * values**-0.5)) @ turned,
             (vectors * (rest / values)) @ turned,
             np.eye(len(rows)) + 0.5 * adjacent,
-            np.zeros((0, count)) if shared is None else shared,
         )
 
     def covariance(self) -> Floats:
         """Return V, (P, P), without the widening for few windows."""
-        meat = self.scores.T @ self.kernel @ self.scores + np.diag(self.precision) + self.shared.T @ self.shared
+        meat = self.scores.T @ self.kernel @ self.scores + np.diag(self.precision)
         covariance: Floats = self.bread @ meat @ self.bread
         return covariance
 
@@ -102,16 +91,15 @@ class Sandwich:
         at_root, at_bread = self.root @ slope, self.bread @ slope
         of_prior = float(at_bread**2 @ self.precision)
         white = float(slope @ at_bread) - of_prior
-        known = of_prior + float(np.sum((self.shared @ at_bread) ** 2))
         # Products of the weights that each window's white residuals have, less what the fit takes from them
         half = self.half @ at_root
         kept = np.eye(len(slope)) + self.root @ np.diag(self.precision) @ self.root
         products = self.kernel @ (np.diag(self.whole @ at_root @ at_root) - half @ kept @ half.T)
         trace = float(np.trace(products))
         if trace < _LEAST * white or white <= 0.0:
-            return math.sqrt(known + max(white, 0.0))  # known by the prior, or by a single window
+            return math.sqrt(of_prior + max(white, 0.0))  # known by the prior, or by a single window
         degrees = max(trace**2 / float(np.sum(products * products.T)), 1.0)
         across = self.scores @ at_bread
         variance = float(across @ self.kernel @ across) * white / trace
         widened = 0.5 * float(student.ppf(_TWO_SIGMA, degrees))
-        return math.sqrt(variance * widened**2 + known)
+        return math.sqrt(variance * widened**2 + of_prior)

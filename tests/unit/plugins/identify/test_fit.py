@@ -82,22 +82,6 @@ def test_standard_errors_cover_the_truth() -> None:
 
 
 @pytest.mark.slow
-def test_rounded_commands_widen_the_standard_errors() -> None:
-    true, step = boat(), 0.1
-    keys = free_keys(true, ("damping_linear.surge", "damping_linear.yaw"), ())
-    run = pool_run(true, 90.0)
-    rounded = replace(run, commands=np.round(run.commands / step) * step)
-    errors = {}
-    for known in (step, 0.0):
-        result = fit(true, keys, cut([replace(rounded, command_step=known)], 10.0), Water(), wind=False)
-        errors[known] = np.abs(result.x[:2]) / result.sigma[:2]
-        if known:  # equal commands of both propellers have equal errors
-            assert 10 < len(result.sandwich.shared) <= len(np.unique(np.round(rounded.commands, 6)))
-    assert errors[step].max() < 2.5
-    assert errors[step].max() < 0.7 * errors[0.0].max()
-
-
-@pytest.mark.slow
 def test_a_boat_that_never_turns_leaves_the_yaw_undetermined() -> None:
     run = pool_run(boat(), 70.0)
     straight = np.repeat(run.commands.mean(axis=1, keepdims=True), 2, axis=1)

@@ -72,18 +72,6 @@ def test_white_residuals_of_many_windows_have_the_error_of_the_textbook() -> Non
     assert np.diag(sandwich.covariance()) == pytest.approx(np.diag(textbook), rel=0.3)
 
 
-@pytest.mark.medium
-def test_an_error_that_windows_share_adds_its_part() -> None:
-    """A bias b of all observations moves the mean of 4000 by b, however small their own noise is."""
-    rows = [slice(number * 20, (number + 1) * 20) for number in range(200)]
-    derivatives, residual = np.ones((4000, 1)), np.random.default_rng(3).standard_normal(4000)
-    none, prior, bias = np.zeros((200, 200)), np.array([np.inf]), 0.3
-    alone = Sandwich.from_windows(residual, derivatives, rows, none, prior)
-    shared = Sandwich.from_windows(residual, derivatives, rows, none, prior, np.array([[bias * 4000.0]]))
-    assert shared.sigma(np.eye(1)) == pytest.approx(np.hypot(alone.sigma(np.eye(1)), bias))
-    assert shared.covariance() == pytest.approx(alone.covariance() + bias**2)
-
-
 def test_a_parameter_that_no_residual_shows_keeps_the_error_of_its_prior() -> None:
     derivatives = np.zeros((40, 2))
     derivatives[:, 0] = np.random.default_rng(1).standard_normal(40)
