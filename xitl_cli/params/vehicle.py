@@ -109,7 +109,7 @@ class VehicleConnection:
                     self._commands = CommandClient(self._target, TRIES, ANSWER_S)
 
     def _settle(self) -> None:
-        """Wait before a change until any other vehicle would have sent a heartbeat."""
+        """Wait until any other vehicle would have sent a heartbeat: before a change, and after a read."""
         while self._wanted is None and (left_s := self._adopted_s + OTHERS_S - time.monotonic()) > 0.0:
             self._receive(left_s)
 
@@ -139,6 +139,7 @@ class VehicleConnection:
         """Return every parameter by name, in the vehicle's order."""
         request = self._parameters.read_all()
         self._complete(request)
+        self._settle()
         if request.count is None:
             raise UserError(f"{self._url}: the vehicle sends no parameters; check that it accepts MAVLink 2 commands")
         if not request.complete:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mav
 from pymavlink.mavparm import MAVParmDict
 from vehicle_double import Px4Vehicle, VehicleDouble, over_tcp, over_udp
 
@@ -147,6 +148,31 @@ def test_all_parameters_come_over_tcp_whatever_gets_lost(params: Params, lose: i
     assert {row["name"]: row["value"] for row in told} == _rounded(ROVER)
     assert [row["name"] for row in told] == list(ROVER)
     assert all(row["meaning"] is None for row in told)  # not the embedded autopilot's: its table says nothing of them
+
+
+class LateNeighbour(VehicleDouble):
+    """Another system sends heartbeats at the same port, but first some time after the parameters."""
+
+    later = 0
+
+    def _heartbeat(self) -> None:
+        super()._heartbeat()
+        if self._listed:
+            self.later += 1
+        if self.later > 5:
+            neighbour = mav.MAVLink(self._codec.file, 2, 1)
+            neighbour.heartbeat_send(mav.MAV_TYPE_SURFACE_BOAT, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 0, 3)
+
+
+@pytest.mark.medium
+def test_a_read_is_refused_too_if_another_vehicle_is_heard_after_it(
+    params: Params, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "OTHERS_S", 3.0)
+    with over_tcp(LateNeighbour(ROVER)) as url:
+        ran = params("show", url)
+    assert ran.code == 2
+    assert "systems 1, 2 send there; select one of them with ?system=" in ran.error
 
 
 @pytest.mark.medium
