@@ -48,6 +48,7 @@ def test_a_run_is_simulated_kept_and_read(tmp_path: Path) -> None:
 
     assert result.completed
     assert result.summary["seed"] == 3
+    assert result.summary["stale_exchanges"] == 0
     assert json.loads((tmp_path / "run/summary.json").read_text()) == result.summary
     with result.open_log() as log:
         position_ned_m = log["/truth/state"]["position_ned_m"]

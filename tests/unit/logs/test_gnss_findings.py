@@ -131,6 +131,15 @@ def test_a_small_step_within_the_stated_accuracy_is_a_notice():
     assert (finding.key, finding.severity) == ("gnss.jump", Severity.NOTICE)
 
 
+@pytest.mark.parametrize(
+    ("step_m", "severities"), [(1.5, []), (2.5, [Severity.NOTICE]), (3.5, [Severity.WARNING])], ids=str
+)
+def test_the_limits_of_a_jump(step_m, severities):
+    motion = sail()
+    motion["east"][150:] += step_m
+    assert [finding.severity for finding in report(gps(motion)).findings] == severities
+
+
 def test_a_position_that_repeats_at_speed():
     motion = sail()
     for name in motion:

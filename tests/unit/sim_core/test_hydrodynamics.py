@@ -25,6 +25,7 @@ from sim_core.vessel.hydrodynamics import (
 )
 from sim_core.vessel.spec import AddedMass, CrossFlowDrag, Damping, Matrix, VesselSpec
 from sim_core.vessel.vessel import Surroundings, Vessel, accelerate
+from xitl_cli.plugins.studies.manoeuvres.published import HOERNER
 
 RNG = np.random.default_rng(7)
 
@@ -233,10 +234,11 @@ def test_cross_flow_drag_of_pure_sway_and_pure_yaw() -> None:
         assert force[0, component] == pytest.approx(expected, rel=1e-4)  # strips miss 1 / (2 n^2) of the cube
 
 
-def test_hoerners_curve_falls_from_a_plate_to_a_raft() -> None:
-    assert hoerner_coefficient(0.01, 1.0) == pytest.approx(1.97, abs=0.01)
-    assert hoerner_coefficient(2.0, 1.0) == pytest.approx(0.82, abs=0.01)
-    assert hoerner_coefficient(20.0, 1.0) == pytest.approx(0.56, abs=0.01)
+def test_hoerners_curve_is_the_published_one() -> None:
+    ratios, coefficients = np.array(HOERNER).T
+    assert [hoerner_coefficient(2.0 * ratio, 1.0) for ratio in ratios] == pytest.approx(coefficients)
+    assert hoerner_coefficient(1e-3, 1.0) == coefficients[0]
+    assert hoerner_coefficient(20.0, 1.0) == coefficients[-1]
 
 
 def test_a_vessel_described_about_another_origin_moves_the_same() -> None:
