@@ -21,6 +21,7 @@ from agent.companion.tracking import ObstacleTrack
 Array = NDArray[np.float64]
 
 STEP_S = 0.4
+_POINTS_AT_ONCE = 16
 _TURN_RADPS = math.radians(TUNED.course_turn_degps)
 
 
@@ -211,9 +212,14 @@ def _from_tracks_m(sailed: Array, around: Obstacles) -> Array:
 def _from_points_m(sailed: Array, points_ne_m: Array) -> Array:
     if not len(points_ne_m):
         return np.full(sailed.shape[:2], 1e3)
-    flat = sailed.reshape(-1, 2)
-    square = (flat**2).sum(axis=1)[:, None] + (points_ne_m**2).sum(axis=1)[None] - 2.0 * flat @ points_ne_m.T
-    gap: Array = np.sqrt(np.maximum(square.min(axis=1), 0.0)).reshape(sailed.shape[:2])
+    # A few points at once: products with all of them are megabytes of another size in each plan, which the heap keeps.
+    flat = np.ascontiguousarray(sailed.reshape(-1, 2).T)
+    nearest = np.full(flat.shape[1], np.inf)
+    for first in range(0, len(points_ne_m), _POINTS_AT_ONCE):
+        points = points_ne_m[first : first + _POINTS_AT_ONCE]
+        square = (points**2).sum(axis=1)[:, None] - 2.0 * points @ flat
+        np.minimum(nearest, square.min(axis=0), out=nearest)
+    gap: Array = np.sqrt(np.maximum(nearest + (flat**2).sum(axis=0), 0.0)).reshape(sailed.shape[:2])
     return gap
 
 

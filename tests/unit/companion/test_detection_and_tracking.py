@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -206,6 +207,22 @@ def test_clearance_is_that_of_a_box_that_drifts() -> None:
     clear = clearance_m(sailed, around, 1.4)[0]
     after_s = STEP_S * np.arange(1, steps + 1)
     np.testing.assert_allclose(clear, np.minimum(20.0 - 1.0 - after_s, 15.0) - 1.4, atol=0.06 * after_s[-1] + 1e-9)
+
+
+def test_clearance_of_many_points_is_that_of_the_nearest_and_needs_little_memory() -> None:
+    draw = np.random.default_rng(7)
+    sailed, points = draw.uniform(-50.0, 50.0, (80, 60, 2)), draw.uniform(-60.0, 60.0, (301, 2))
+    none = np.zeros(0)
+    around = Obstacles(np.zeros((0, 2)), np.zeros((0, 2)), none, none, none, points)
+    tracemalloc.start()
+    try:
+        clear = clearance_m(sailed, around, 1.4)
+        peak_bytes = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    nearest = np.min([np.hypot(*(sailed - point).transpose(2, 0, 1)) for point in points], axis=0)
+    np.testing.assert_allclose(clear, nearest - 1.4, atol=1e-9)
+    assert peak_bytes < 60 * sailed.nbytes  # all distances at once are 150 times the positions
 
 
 def pose(yaw_rad: float, pos: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> VehiclePose:
