@@ -14,7 +14,7 @@ class GeoJsonError(ValueError):
     """A member, what is wrong with it and the fix, as one sentence."""
 
 
-class Geometry(NamedTuple):
+class GeoJsonGeometry(NamedTuple):
     """A geometry that is no collection."""
 
     where: str
@@ -25,7 +25,7 @@ class Geometry(NamedTuple):
     """`properties` of its feature, unchecked; None without a feature."""
 
 
-def read_geometries(document: Any) -> Iterator[Geometry]:
+def read_geometries(document: Any) -> Iterator[GeoJsonGeometry]:
     """Yield the geometries of a document in their order. Raises GeoJsonError for a member that is not of GeoJSON."""
     if not isinstance(document, dict):
         raise GeoJsonError("is not GeoJSON; a file is a FeatureCollection, a Feature or a geometry")
@@ -35,7 +35,7 @@ def read_geometries(document: Any) -> Iterator[Geometry]:
     yield from _geometries(document, "", 0, None)
 
 
-def _geometries(member: Mapping[str, Any], where: str, depth: int, properties: Any) -> Iterator[Geometry]:
+def _geometries(member: Mapping[str, Any], where: str, depth: int, properties: Any) -> Iterator[GeoJsonGeometry]:
     kind = member.get("type")
     if isinstance(kind, str) and kind in _LISTS and depth < MOST_DEPTH:
         key = _LISTS[kind]
@@ -51,6 +51,6 @@ def _geometries(member: Mapping[str, Any], where: str, depth: int, properties: A
         if isinstance(geometry, dict):
             yield from _geometries(geometry, where, depth + 1, member.get("properties"))
         else:
-            yield Geometry(where, {}, member.get("properties"))
+            yield GeoJsonGeometry(where, {}, member.get("properties"))
     else:
-        yield Geometry(where, member, properties)
+        yield GeoJsonGeometry(where, member, properties)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agent.files import read_bytes
-from sim_core.geojson import GeoJsonError, Geometry, read_geometries
+from sim_core.geojson import GeoJsonError, GeoJsonGeometry, read_geometries
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.table import Floats
 
@@ -102,7 +102,7 @@ def _no_chart(path: Path) -> LogError:
     )
 
 
-def _features(geometry: Geometry) -> Iterator[Feature]:
+def _features(geometry: GeoJsonGeometry) -> Iterator[Feature]:
     where, members, properties = geometry
     if not members:  # a feature may be without a place
         return

@@ -36,7 +36,7 @@ _FACTOR, _FACTOR_OF_TURNS = 2.5, 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ResponseRatio:
     """The response of the boat over that of the vehicle. Without an effect of the commands, agreements are 0."""
 
     push: complex
@@ -61,12 +61,12 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Responses:
-    """Comparisons of a log."""
+    """Ratios of the responses in a log."""
 
-    logged: Comparison
-    reversed: Comparison
+    logged: ResponseRatio
+    reversed: ResponseRatio
     """With all commands reversed."""
-    shifted: Comparison
+    shifted: ResponseRatio
     """With the commands shifted in time by `shift_s`, so that the score is best."""
     shift_s: float
     """Positive if the motion is later than the commands."""
@@ -97,7 +97,7 @@ def compare(recording: Recording, vessel: VesselSpec, water: Water, window_s: fl
     )
     gyration_m = float(np.sqrt(vessel.inertia_kgm2[2] / vessel.mass_kg))
 
-    def compared(vehicle: Floats, lag: int = 0) -> Comparison:
+    def compared(vehicle: Floats, lag: int = 0) -> ResponseRatio:
         """Compare the boat with the vehicle `lag` instants before."""
         later, earlier = (np.arange(len(good) - abs(lag)) + max(shift, 0) for shift in (lag, -lag))
         both = good[later] & good[earlier]
@@ -117,10 +117,10 @@ def _complex(velocity: Floats) -> NDArray[np.complex128]:
     return velocity[:, 0] + 1j * velocity[:, 1]
 
 
-def _compared(boat: NDArray[np.complex128], vehicle: Floats, known: Floats, gyration_m: float) -> Comparison:
+def _compared(boat: NDArray[np.complex128], vehicle: Floats, known: Floats, gyration_m: float) -> ResponseRatio:
     """Compare velocity and yaw rate (K, 2) of the boat with the velocities (K, 3) of the vehicle."""
     if len(boat) < _FEWEST:
-        return Comparison(1.0, 0.0, 1.0, 0.0)
+        return ResponseRatio(1.0, 0.0, 1.0, 0.0)
     of_vehicle = np.column_stack([_complex(vehicle), vehicle[:, 2]])
     pushed, swung = float(np.std(of_vehicle[:, 0])), gyration_m * float(np.std(of_vehicle[:, 1]))
     both = [own - known @ np.linalg.lstsq(known, own, rcond=None)[0] for own in (boat, of_vehicle)]
@@ -129,7 +129,7 @@ def _compared(boat: NDArray[np.complex128], vehicle: Floats, known: Floats, gyra
     factor = product / np.maximum(squares, 1e-12)
     agreement = product / np.sqrt(np.maximum(squares * of_boat, 1e-24))
     pushes, turns = pushed > _PUSHES * swung, swung > _TURNS * pushed
-    return Comparison(
+    return ResponseRatio(
         complex(factor[0]) if pushes else 1.0,
         float(abs(agreement[0])) if pushes else 0.0,
         float(factor[1].real) if turns else 1.0,
