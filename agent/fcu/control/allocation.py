@@ -20,6 +20,7 @@ from agent.fcu.control.thrusters import ForceAllocation, RudderBlade, Share, Thr
 from agent.fcu.parameters import MOTORS, OUTPUTS, RUDDERS, Parameters
 
 NEUTRAL = (0.0, 0.0)
+NEUTRAL_US, _SPAN_US = 1500, 400.0
 STEERING, THROTTLE, THROTTLE_LEFT, THROTTLE_RIGHT, FIRST_MOTOR = 26, 70, 73, 74, 33  # SERVOn_FUNCTION
 _ROUNDING = 1e-9
 _WORTH_THRUST, _HARD = 0.05, 0.25  # of full steering
@@ -29,12 +30,12 @@ _MET = 1e-3  # of a full demand: a smaller residual counts as zero
 
 def pulse_width_us(command: float) -> int:
     """Return a motor command in [-1, 1] as a pulse width in us: 1500 is neutral, 1100 full astern, 1900 full ahead."""
-    return 1500 + round(400.0 * command)
+    return NEUTRAL_US + round(_SPAN_US * command)
 
 
-def whole_microseconds(command: float) -> float:
-    """Return the command of the pulse width that a command is sent as."""
-    return (pulse_width_us(command) - 1500) / 400.0
+def quantised(command: float) -> float:
+    """Return the command that is output for a motor command: pulse widths are whole microseconds."""
+    return (pulse_width_us(command) - NEUTRAL_US) / _SPAN_US
 
 
 class AllocationGains(NamedTuple):

@@ -9,7 +9,7 @@ commands, and `failsafes` the reaction to failures and the fence.
 
 from __future__ import annotations
 
-from agent.fcu.control.allocation import ThrustAllocator, whole_microseconds
+from agent.fcu.control.allocation import ThrustAllocator, quantised
 from agent.fcu.control.controller import STILL, ControllerGuard, Demand, MakeController, Motors
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
 from agent.fcu.control.manual_control import ManualControl
@@ -153,7 +153,7 @@ class Autopilot:
         if not state.armed or self.failsafes.imu_lost:
             self._restart_control()
             return Actuators(self.allocator.neutral, state.armed, self.failsafes.imu_lost)
-        return Actuators(tuple(map(whole_microseconds, self._steer(now_ns, dt_s))), True, False)
+        return Actuators(tuple(map(quantised, self._steer(now_ns, dt_s))), True, False)
 
     def _steer(self, now_ns: int, dt_s: float) -> tuple[float, ...]:
         """Return the commands for the order of the mode."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Callable
 
+from agent.fcu.control.allocation import NEUTRAL_US
 from agent.fcu.control.manual_control import ManualControl
 from agent.fcu.fence import Fence, FenceError, FenceItem
 from agent.fcu.mission import (
@@ -51,7 +52,6 @@ _MODE_SWITCHES = {
     72: modes.CIRCLE,
 }
 
-_SERVO_TRIM_US = 1500
 _SERVO_WIDTHS_US = (500, 2500)
 
 
@@ -98,7 +98,7 @@ class ServoOutputs:
             return
         if self._moved_ns is not None and 0 <= now_ns - self._moved_ns < self._half_ns:
             return
-        self.widths_us[self._moving - 1] = _SERVO_TRIM_US if self._moves_left % 2 else self._width_us
+        self.widths_us[self._moving - 1] = NEUTRAL_US if self._moves_left % 2 else self._width_us
         self._moves_left -= 1
         self._moved_ns = now_ns
 

@@ -153,9 +153,8 @@ def receiver_delay(log: Log, unit: InertialUnit, receiver: GnssReceiver) -> Sens
     rows = np.isfinite(turned[:, :2, 0]).all(axis=1)
     time_s = ((unit.stamp_ns - unit.stamp_ns[0]) * 1e-9)[rows]
     accel = turned[rows][:, :2, 0]
-    changes = (
-        0.5 * (accel[:-1] + accel[1:]) * np.diff(time_s)[:, None]
-    )  # trapezoids: rectangles would be half a step late
+    # Trapezoids: rectangles would be half a step late.
+    changes = 0.5 * (accel[:-1] + accel[1:]) * np.diff(time_s)[:, None]
     integral = np.concatenate([np.zeros((1, 2)), np.cumsum(changes, axis=0)])
     windows = []
     for start_s in np.arange(time_s[0] + 1.0, time_s[-1] - _DELAY_WINDOW_S, _DELAY_WINDOW_S):
