@@ -15,7 +15,7 @@ SLOW_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ON
 SIDE_BY_SIDE := -n auto --dist loadscope --no-loadscope-reorder
 FAST_WORKERS := PYTEST_XDIST_AUTO_NUM_WORKERS=$$(($$(getconf _NPROCESSORS_ONLN) + 1))
 
-.PHONY: run package test test-fast test-medium test-slow test-realtime test-nightly checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze bench-identify figures figures-of-vehicles paper soak soak-long chaos wheel dist sbom audit mutate fuzz lock clean
+.PHONY: run package test test-fast test-medium test-slow test-realtime test-nightly checks test-agent test-lowest lint format types dialect check-dialect pages docs pictures bench bench-compare bench-pages bench-analyze bench-identify figures figures-of-vehicles paper soak soak-long chaos wheel wheels dist sbom audit mutate fuzz lock clean
 .DEFAULT_GOAL := run
 # Tests start hundreds of processes; without kept bytecode each compiles the whole package.
 unexport PYTHONDONTWRITEBYTECODE
@@ -41,6 +41,10 @@ $(VENV)/.mutate: $(VENV)/.dev
 
 $(VENV)/.fuzz: $(VENV)/.dev
 	@$(PIP_INSTALL) -e '.[dev,fuzz]'
+	@touch $@
+
+$(VENV)/.wheels: $(VENV)/.dev
+	@$(PIP_INSTALL) -e '.[dev,wheels]'
 	@touch $@
 
 $(VENV)/.audit: $(VENV)/.dev
@@ -174,6 +178,11 @@ dist: $(VENV)/.dev  ## wheel, sdist, agent, bill of materials and checksums in d
 	cd dist && ../$(BIN)/xitl agent package
 	$(BIN)/python tools/write_sbom.py dist/xitl.cdx.json
 	cd dist && sha256sum * > SHA256SUMS
+
+wheels: $(VENV)/.wheels  ## wheels with the compiled physics for each platform, in dist/ (ONLY=x86_64-linux)
+	for platform in $(or $(ONLY),x86_64-linux aarch64-linux x86_64-macos arm64-macos x86_64-windows); do \
+		XITL_WHEEL=$$platform $(BIN)/python -m hatchling build -t wheel || exit 1; \
+	done
 
 sbom: $(VENV)/.dev  ## the bill of materials of xitl and all extras, build/xitl.cdx.json (CycloneDX)
 	$(BIN)/python tools/write_sbom.py build/xitl.cdx.json

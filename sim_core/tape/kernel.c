@@ -349,10 +349,14 @@ static void run_step(const tape *t, int64_t rows, int64_t state_stride, const do
     }
 }
 
+#ifndef RUN_TAPE
+#define RUN_TAPE run_tape
+#endif
+
 /* Run the tape for 1 + `later` steps. The outputs begin with the state of the next step. later_inputs: for each later
    step, the inputs that differ. Values and room are the working memory of one lane and of eight, with the constants in
    place. */
-void run_tape(const tape *t, int64_t rows, int64_t state_stride, const double *state, double *other, double *outputs,
+void RUN_TAPE(const tape *t, int64_t rows, int64_t state_stride, const double *state, double *other, double *outputs,
               int64_t later, const double *later_inputs, double *values_1, double *room_1, double *values_8,
               double *room_8)
 {

@@ -1,4 +1,4 @@
-"""The compiled kernel: compiled once by the C compiler of this machine, and kept in the user's cache."""
+"""The compiled kernel: from the wheel, or compiled once by this machine's C compiler and kept in the user's cache."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from typing import Any
 SWITCH = "XITL_PHYSICS"
 """Environment variable: `numpy` for the physics without compiled code."""
 _SOURCE = Path(__file__).with_name("kernel.c")
+_SHIPPED = _SOURCE.with_suffix({"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so"))
+"""In a wheel for this platform, see tools/kernel_hook.py."""
 _FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-std=gnu11", "-shared", "-fPIC")
 _COMPILERS = ("cc", "gcc", "clang")
 _COMPILE_S = 60.0
@@ -36,21 +38,21 @@ class Kernel:
 
 @cache
 def load_kernel() -> Kernel:
-    """Return the kernel, compiled at the first use on a machine. Raises NoKernelError."""
+    """Return the kernel of the wheel, or the one that the first use on a machine compiles. Raises NoKernelError."""
     chosen = os.environ.get(SWITCH)
     if chosen == "numpy":
         raise NoKernelError(f"{SWITCH}=numpy is set; unset it")
-    path = compiled_kernel()
+    path = _SHIPPED if _SHIPPED.exists() else compiled_kernel()
     try:
         return Kernel(path)
     except (OSError, AttributeError) as error:
-        raise NoKernelError(f"{path} cannot be loaded ({error}); delete it to compile it again") from error
+        raise NoKernelError(f"{path} cannot be loaded ({error}); delete it, and a C compiler makes it again") from error
 
 
 def compiled_kernel() -> Path:
     """Return the compiled kernel of this version, compiler and processor. Raises NoKernelError."""
     if sys.platform == "win32":
-        raise NoKernelError("Windows has no compiled physics; use WSL")
+        raise NoKernelError("only xitl's wheel for Windows has compiled physics; install that wheel, or use WSL")
     wanted = os.environ.get("CC")
     compiler = next(filter(None, map(shutil.which, [wanted] if wanted else _COMPILERS)), None)
     if compiler is None:
