@@ -25,6 +25,8 @@ _DRIFT_REST_S = 600.0
 _DELAYS_S = np.arange(-0.1, 0.501, 0.02)
 _DELAY_WINDOW_S = 5.0
 _LEAST_CHANGE_MPS = 0.3
+_ONE_CLOCK_NS = 1_000_000_000
+"""Times of samples that are further from the stamps belong to another clock."""
 _METRES_PER_DEG = 111_194.9
 
 
@@ -140,22 +142,36 @@ def _receiver(receiver: GnssReceiver, rest: RestPeriods) -> Iterator[SensorValue
 def receiver_delay(log: Log, unit: InertialUnit, receiver: GnssReceiver) -> SensorValue | None:
     """Return the delay at which the receiver's changes of velocity fit the integrated accelerometer best.
 
-    None if the speed hardly changes, or without attitude. In each window of 5 s, a constant bias of the acceleration
-    and the first velocity are free.
+    The antenna is elsewhere than the unit, so it also moves by `omega x r`. Its place r is free, the same for the whole
+    log. In each window of 5 s, a constant bias of the acceleration and the first velocity are free.
+    None if the speed hardly changes, or without attitude.
     """
     angles = [getattr(signals, name)(log) for name in ("roll", "pitch", "yaw")]
     good = np.isfinite(receiver.vel_ned_mps[:, :2]).all(axis=1)
-    if any(angle is None for angle in angles) or np.count_nonzero(good) < 50 or unit.accel_mps2 is None:
+    if any(angle is None for angle in angles) or np.count_nonzero(good) < 50:
         return None
-    fix_s, fix_mps = (receiver.stamp_ns[good] - unit.stamp_ns[0]) * 1e-9, receiver.vel_ned_mps[good, :2]
-    euler = np.stack([angle.interpolated(unit.stamp_ns) for angle in angles], axis=1)
-    turned = quat_to_matrix(euler_to_quat(np.radians(euler))) @ unit.accel_mps2[:, :, None]
-    rows = np.isfinite(turned[:, :2, 0]).all(axis=1)
-    time_s = ((unit.stamp_ns - unit.stamp_ns[0]) * 1e-9)[rows]
-    accel = turned[rows][:, :2, 0]
+    if unit.accel_mps2 is None or unit.gyro_radps is None:
+        return None
+    # In lockstep, the clock of the embedded autopilot stands still between two exchanges. Records have the time of the
+    # exchange before they arrived. The samples of the unit also have their own times, which show the difference.
+    sample_ns = unit.sample_ns
+    if np.max(np.abs(sample_ns - unit.stamp_ns)) > _ONE_CLOCK_NS:
+        sample_ns = unit.stamp_ns
+    behind_ns = max(float(np.percentile(sample_ns - unit.stamp_ns, 99)), 0.0)
+    fix_s = (receiver.stamp_ns[good] + behind_ns - sample_ns[0]) * 1e-9
+    fix_mps = receiver.vel_ned_mps[good, :2]
+    euler = np.stack([angle.interpolated(sample_ns) for angle in angles], axis=1)
+    rows = np.isfinite(euler).all(axis=1) & np.isfinite(unit.accel_mps2).all(axis=1)
+    rows &= np.isfinite(unit.gyro_radps).all(axis=1)
+    time_s = ((sample_ns - sample_ns[0]) * 1e-9)[rows]
+    to_ned = quat_to_matrix(euler_to_quat(np.radians(euler[rows])))[:, :2]
+    accel = (to_ned @ unit.accel_mps2[rows][:, :, None])[:, :, 0]
     # Trapezoids: rectangles would be half a step late.
     changes = 0.5 * (accel[:-1] + accel[1:]) * np.diff(time_s)[:, None]
     integral = np.concatenate([np.zeros((1, 2)), np.cumsum(changes, axis=0)])
+    # Velocity of the antenna for one metre of its place along each axis of the body, (N, 2 NE, 3)
+    swing = to_ned @ np.cross(unit.gyro_radps[rows][:, None, :], np.eye(3)).swapaxes(1, 2)
+    signals_at = np.concatenate([integral, swing.reshape(-1, 6)], axis=1)
     windows = []
     for start_s in np.arange(time_s[0] + 1.0, time_s[-1] - _DELAY_WINDOW_S, _DELAY_WINDOW_S):
         inside = (fix_s >= start_s) & (fix_s < start_s + _DELAY_WINDOW_S)
@@ -163,21 +179,30 @@ def receiver_delay(log: Log, unit: InertialUnit, receiver: GnssReceiver) -> Sens
             windows.append(inside)
     if len(windows) < 5:
         return None
-    costs = np.zeros((len(_DELAYS_S), len(windows)))
+    # Sums of products (delay, window, 4, 4) of the difference of velocity and of the three columns of the place
+    products = np.zeros((len(_DELAYS_S), len(windows), 4, 4))
     for number, delay_s in enumerate(_DELAYS_S):
-        moved = np.stack([np.interp(fix_s - delay_s, time_s, column) for column in integral.T], axis=1)
+        moved = np.stack([np.interp(fix_s - delay_s, time_s, column) for column in signals_at.T], axis=1)
+        columns = np.concatenate([(fix_mps - moved[:, :2])[:, :, None], moved[:, 2:].reshape(-1, 2, 3)], axis=2)
         for place, inside in enumerate(windows):
             at = np.stack([np.ones(np.count_nonzero(inside)), fix_s[inside]], axis=1)
-            apart = fix_mps[inside] - moved[inside]
-            apart -= at @ np.linalg.lstsq(at, apart, rcond=None)[0]
-            costs[number, place] = np.sum(apart**2)
-    lowest = _lowest(costs.sum(axis=1))
+            apart = columns[inside].reshape(len(at), 8)
+            apart = (apart - at @ np.linalg.lstsq(at, apart, rcond=None)[0]).reshape(-1, 4)
+            products[number, place] = apart.T @ apart
+    lowest = _lowest(_costs(products.sum(axis=1)))
     if lowest is None:
         return None
-    draws = [costs[:, np.arange(len(windows)) != left].sum(axis=1) for left in range(len(windows))]
-    others = np.array([value for draw in draws if (value := _lowest(draw)) is not None])
+    draws = [np.delete(products, left, axis=1).sum(axis=1) for left in range(len(windows))]
+    others = np.array([value for draw in draws if (value := _lowest(_costs(draw))) is not None])
     sigma = float(np.sqrt((len(others) - 1) * np.var(others))) if len(others) > 1 else None
     return SensorValue("gnss.latency_s", lowest, sigma)
+
+
+def _costs(products: Floats) -> Floats:
+    """Return what is left of the velocity's square at each delay, with the place of the antenna that fits best."""
+    place = np.linalg.pinv(products[:, 1:, 1:], rcond=1e-9, hermitian=True) @ products[:, 1:, :1]
+    costs: Floats = products[:, 0, 0] - (products[:, :1, 1:] @ place)[:, 0, 0]
+    return costs
 
 
 def _lowest(costs: Floats) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -97,3 +98,64 @@ def test_standard_errors_fall_with_the_root_of_the_samples(found: SensorEstimate
     )
     assert found.rest_s == pytest.approx(REST_S, abs=2.0)
     assert found.lacks == ()
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("exchange_s", [0.0, 0.02], ids=["continuous clock", "lockstep"])
+def test_the_place_of_the_antenna_and_the_clock_of_lockstep_leave_the_latency_alone(exchange_s: float) -> None:
+    """The antenna is 0.8 m ahead of the unit and 1.2 m above it, in turns: 0.2 s of error if its place is ignored.
+
+    In lockstep, a record has the time of the exchange before it arrived.
+    """
+    rng = np.random.default_rng(5)
+    rest_s, end_s, arm_m = 40.0, 140.0, np.array([0.8, 0.0, -1.2])
+    imu_s, fix_s = np.arange(0.0, end_s, 0.005) + 0.005, np.arange(0.0, end_s, 0.2) + 0.2
+
+    def yaw_of(time_s: np.ndarray) -> np.ndarray:
+        return np.where(time_s < rest_s, 0.0, 1.2 * np.sin(2.0 * np.pi * (time_s - rest_s) / 13.0))
+
+    def speed_of(time_s: np.ndarray) -> np.ndarray:
+        return np.where(time_s < rest_s, 0.0, 0.75 * (1.0 - np.cos(2.0 * np.pi * (time_s - rest_s) / 8.0)))
+
+    def rate_of(function: Callable[[np.ndarray], np.ndarray], time_s: np.ndarray) -> np.ndarray:
+        return (function(time_s + 1e-4) - function(time_s - 1e-4)) / 2e-4
+
+    yaw, turn, speed = yaw_of(imu_s), rate_of(yaw_of, imu_s), speed_of(imu_s)
+    gyro = GYRO_RADPS * rng.standard_normal((len(imu_s), 3))
+    gyro[:, 2] += turn
+    accel = np.array([0.0, 0.0, -9.81]) + ACCEL_MPS2 * rng.standard_normal((len(imu_s), 3))
+    accel[:, 0] += rate_of(speed_of, imu_s)
+    accel[:, 1] += turn * speed
+    at_s = fix_s - LATENCY_S
+    ahead, right = speed_of(at_s), rate_of(yaw_of, at_s) * arm_m[0]
+    cosine, sine = np.cos(yaw_of(at_s)), np.sin(yaw_of(at_s))
+    velocity = np.stack([ahead * cosine - right * sine, ahead * sine + right * cosine], axis=1)
+    velocity += SPEED_MPS * rng.standard_normal(velocity.shape)
+
+    def stamps(time_s: np.ndarray) -> np.ndarray:
+        stamped_s = np.ceil(time_s / exchange_s - 1e-6) * exchange_s - exchange_s if exchange_s else time_s
+        return np.round(stamped_s * 1e9)
+
+    inertial = {f"Gyr{axis}": gyro[:, n] for n, axis in enumerate("XYZ")}
+    inertial |= {f"Acc{axis}": accel[:, n] for n, axis in enumerate("XYZ")}
+    inertial["SampleUS"] = np.round(imu_s * 1e6)
+    level = np.zeros(len(imu_s))
+    fixes = {
+        "Status": np.full(len(fix_s), 3),
+        "NSats": np.full(len(fix_s), 12),
+        "Lat": np.full(len(fix_s), LAT_DEG),
+        "Lng": np.full(len(fix_s), LON_DEG),
+        "Spd": np.hypot(*velocity.T),
+        "GCrs": np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0])) % 360.0,
+    }
+    result = identify_sensors(
+        MadeLog(
+            MadeTable("IMU", stamps(imu_s), inertial),
+            MadeTable("ATT", np.round(imu_s * 1e9), {"Roll": level, "Pitch": level, "Yaw": np.degrees(yaw) % 360.0}),
+            MadeTable("GPS", stamps(fix_s), fixes),
+        )
+    )
+    latency = value(result, "gnss.latency_s")
+    assert latency.sigma is not None
+    assert latency.sigma < 0.005
+    assert latency.value == pytest.approx(LATENCY_S, abs=3.0 * latency.sigma)
