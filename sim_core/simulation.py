@@ -95,12 +95,13 @@ class Simulation:
     def over_bed(self, state: SimulationState) -> Simulation:
         """Return the simulation of a single vessel over the bed below it; this one if the bed is as deep as before.
 
-        Depth counts as the same within BOTTOM_SHARE, and everywhere where it has no effect. Tide is left out.
+        Depth counts as the same within BOTTOM_SHARE, and everywhere where it has no effect. The tide is part of it.
         """
         bed, vessel, water = self.waterway.bed, self.vessel, self.environment.water
         if bed is None or not vessel.model.confined_water:
             return self
-        below_m = float(bed.bed_down_m(state.vessel.motion.pos_ned_m[0, :2])) + water.level_m
+        below_m = float(bed.bed_down_m(state.vessel.motion.pos_ned_m[0, :2]))
+        below_m += water.level_m + self.environment.tide.height_m(state.time_ns * 1e-9)
         depth_m, before_m = (felt_depth_m(vessel.model, vessel.rest, own) for own in (below_m, self.depth_m))
         if depth_m == before_m or abs(depth_m - before_m) < BOTTOM_SHARE * before_m < math.inf:
             return self

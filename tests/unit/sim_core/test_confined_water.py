@@ -11,6 +11,7 @@ from kernel import needs_kernel
 
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, Water
+from sim_core.environment.tide import Tide
 from sim_core.frames import Array
 from sim_core.motion import Influences, MotionStep, move
 from sim_core.simulation import Simulation, SimulationState, initial, step
@@ -167,9 +168,26 @@ class SlopingBed:
         return np.stack([np.full(north_east_m.shape[:-1], -0.3), np.zeros(north_east_m.shape[:-1])], axis=-1)
 
 
-def sailed_over(bed: Bed, seconds: float, depth_m: float = DEEP_M) -> Plant:
+class ConstantLevel:
+    """A tide that stays at one height."""
+
+    def __init__(self, height_m: float) -> None:
+        self.height_m = height_m
+        self.bounds = (height_m, height_m)
+        self.fastest = 0.0
+
+    def value(self, time_s: float) -> float:
+        return self.height_m
+
+    def rate(self, time_s: float) -> float:
+        return 0.0
+
+
+def sailed_over(bed: Bed, seconds: float, depth_m: float = DEEP_M, tide_m: float = 0.0) -> Plant:
     """Sail an Otter ahead from the origin over a bed, in water that the environment calls deep."""
     simulation = over_bottom(shipped("otter"), depth_m)
+    if tide_m:
+        simulation = simulation.in_environment(replace(simulation.environment, tide=Tide(ConstantLevel(tide_m))))
     simulation = replace(simulation, waterway=Waterway(Capsules.joined(()), bed, contact=False))
     rng = np.random.default_rng(0)
     plant = Plant(simulation, initial(simulation, np.zeros((1, 2)), np.zeros(1), rng), rng)
@@ -194,6 +212,15 @@ def test_a_vessel_feels_the_depth_below_it() -> None:
         assert simulation.depth_m == (DEEP_M if name == "deep" else pytest.approx(1.5 * draft_m))
     assert speed["flat"] == pytest.approx(speed["environment"], rel=1e-9)
     assert speed["flat"] < 0.97 * speed["deep"]
+
+
+@pytest.mark.medium
+def test_the_tide_is_part_of_the_depth() -> None:
+    draft_m = over_bottom(shipped("otter"), DEEP_M).vessel.rest.draft_m
+    low, high = (sailed_over(FlatBed(1.5 * draft_m), 1.0, tide_m=tide_m).simulation for tide_m in (0.0, draft_m))
+    assert isinstance(low, Simulation)
+    assert isinstance(high, Simulation)
+    assert high.depth_m == pytest.approx(low.depth_m + draft_m, rel=0.02)
 
 
 @pytest.mark.medium
