@@ -2,9 +2,10 @@
 
 The fields of XITL_BRIDGE_STATUS in agent/wire/xitl.xml come from agent/bridges/counts.py and are renewed first.
 
-Three things are changed in mavgen's output, for a slow board's sake. Its checksum is slow without a compiled
+Four things are changed in mavgen's output, for a slow board's sake. Its checksum is slow without a compiled
 package: `agent.wire.crc` takes its place. Its methods that make and send a message are left out: the link does that,
-and they are half of what is loaded. Its annotations stay text. What it does not tell is added: how much of a payload
+and they are half of what is loaded. Its annotations stay text. A message has no header before somebody reads it, and
+what all messages of a class share belongs to the class. What mavgen does not tell is added: how much of a payload
 MAVLink 1 has.
 """
 
@@ -27,6 +28,37 @@ from xitl_cli.record.cdr import MessageType
 CHECKSUM = re.compile(r"^# CRC calculation using fastcrc.*?^x25crc = [^\n]*\n", flags=re.M | re.S)
 SENDERS = re.compile(r"^    def \w+_(?:encode|send)\(self, .*?(?=^    def |\Z)", flags=re.M | re.S)
 IMPORTS = re.compile(r"^import hashlib$", flags=re.M)
+SHARED = re.compile(
+    r"^        MAVLink_message\.__init__\(self, (\w+)\.id, \1\.msgname\)\n"
+    + "".join(rf"        self\._{name} = \1\.{name}\n" for name in ("fieldnames", "instance_field", "instance_offset")),
+    flags=re.M,
+)
+OF_CLASS = re.compile(r"^    (fieldnames|instance_field|instance_offset)(: [^=\n]*)? = ", flags=re.M)
+NAME = re.compile(r"^    msgname = ", flags=re.M)
+BASE = "class MAVLink_message(object):\n"
+HEADER = '''class _HeaderWhenRead:
+    """Makes the header of a message when it is first read: few are. The frame of a received message has its values."""
+
+    def __get__(self, message: MAVLink_message, owner: type) -> MAVLink_header:
+        frame = message._msgbuf
+        if frame:
+            header = MAVLink_header(owner.id, frame[2], frame[3], frame[1], frame[4], frame[5], frame[6])
+        else:
+            header = MAVLink_header(owner.id)
+        message._header = header
+        return header
+
+
+'''
+NUMBER = "        return self._header.msgId\n"
+UNNUMBERED = re.compile(
+    r"^class MAVLink_(bad_data|unknown)\(MAVLink_message\):\n    \"{3}.*?\"{3}\n", flags=re.M | re.S
+)
+FIRST_VALUES = """    _header = _HeaderWhenRead()
+    _payload = _crc = _link_id = _instances = None
+    _msgbuf = b""
+    _signed = False
+"""
 WIRE = Path(__file__).resolve().parent.parent / "agent" / "wire"
 BRIDGE_STATUS = re.compile(r'(<message id="54014".*?name="time_usec".*?\n)(.*?)(\n    </message>)', flags=re.S)
 
@@ -71,6 +103,22 @@ def generated(definition: Path) -> str:
     source, marked = IMPORTS.subn("from __future__ import annotations\n\nimport hashlib", source)
     if removed < 2 or marked != 1:
         raise SystemExit("mavgen writes its methods in a new way: adapt tools/generate_dialect.py")
+    source, shared = SHARED.subn("", source)
+    source, of_class = OF_CLASS.subn(r"    \1 = _\1 = ", source)
+    source, named = NAME.subn("    msgname = _type = ", source)
+    begin = source.find(BASE)
+    inside = source.find("\n\n    def __init__", begin) + 1
+    if begin < 0 or not inside or named != shared + 1 or of_class != 3 * named:
+        raise SystemExit("mavgen writes its messages in a new way: adapt tools/generate_dialect.py")
+    source = source[:begin] + HEADER + source[begin:inside] + FIRST_VALUES + source[inside:]
+    source, numbered = UNNUMBERED.subn(
+        lambda found: f"{found[0]}\n    id = MAVLINK_MSG_ID_{found[1].upper()}\n", source
+    )
+    if numbered != 2 or source.count(NUMBER) != 1:
+        raise SystemExit("mavgen writes its numbers in a new way: adapt tools/generate_dialect.py")
+    source = source.replace(
+        NUMBER, "        return type(self).id  # an instance of STATUSTEXT has a field of this name\n"
+    )
     parsed = [mavparse.MAVXML(str(file), "2.0") for file in _with_included(definition)]
     messages = [message for xml in parsed for message in xml.message]
     shorter = {message.id: message.wire_min_length for message in messages if message.extensions_start is not None}

@@ -192,10 +192,6 @@ def decode(frame: bytes) -> Message:
     if not straight:
         values = [values[start] if count == 1 else list(values[start : start + count]) for start, count in steps]
     message = kind(*values)
-    header = message._header
-    _, header.mlen, header.incompat_flags, header.compat_flags = frame[:4]
-    header.seq, header.srcSystem, header.srcComponent = frame[4:7]
-    message._msgbuf = frame
-    message._payload = payload
+    message._msgbuf = frame  # the header is made from it
     message._crc = frame[end] | frame[end + 1] << 8
     return message  # type: ignore[no-any-return]

@@ -88,12 +88,25 @@ class MAVLink_header(object):
         )
 
 
+class _HeaderWhenRead:
+    """Makes the header of a message when it is first read: few are. The frame of a received message has its values."""
+
+    def __get__(self, message: MAVLink_message, owner: type) -> MAVLink_header:
+        frame = message._msgbuf
+        if frame:
+            header = MAVLink_header(owner.id, frame[2], frame[3], frame[1], frame[4], frame[5], frame[6])
+        else:
+            header = MAVLink_header(owner.id)
+        message._header = header
+        return header
+
+
 class MAVLink_message(object):
     """base MAVLink message class"""
 
     id = 0
-    msgname = ""
-    fieldnames: List[str] = []
+    msgname = _type = ""
+    fieldnames = _fieldnames = []
     ordered_fieldnames: List[str] = []
     fieldtypes: List[str] = []
     fielddisplays_by_name: Dict[str, str] = {}
@@ -105,8 +118,12 @@ class MAVLink_message(object):
     array_lengths: List[int] = []
     crc_extra = 0
     unpacker = struct.Struct("")
-    instance_field: Optional[str] = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
+    _header = _HeaderWhenRead()
+    _payload = _crc = _link_id = _instances = None
+    _msgbuf = b""
+    _signed = False
 
     def __init__(self, msgId: int, name: str) -> None:
         self._header = MAVLink_header(msgId)
@@ -146,7 +163,7 @@ class MAVLink_message(object):
         return self._type
 
     def get_msgId(self) -> int:
-        return self._header.msgId
+        return type(self).id  # an instance of STATUSTEXT has a field of this name
 
     def get_srcSystem(self) -> int:
         return self._header.srcSystem
@@ -1399,8 +1416,8 @@ class MAVLink_adsb_vehicle_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_ADSB_VEHICLE
-    msgname = "ADSB_VEHICLE"
-    fieldnames = ["ICAO_address", "lat", "lon", "altitude_type", "altitude", "heading", "hor_velocity", "ver_velocity", "callsign", "emitter_type", "tslc", "flags", "squawk"]
+    msgname = _type = "ADSB_VEHICLE"
+    fieldnames = _fieldnames = ["ICAO_address", "lat", "lon", "altitude_type", "altitude", "heading", "hor_velocity", "ver_velocity", "callsign", "emitter_type", "tslc", "flags", "squawk"]
     ordered_fieldnames = ["ICAO_address", "lat", "lon", "altitude", "heading", "hor_velocity", "ver_velocity", "flags", "squawk", "altitude_type", "callsign", "emitter_type", "tslc"]
     fieldtypes = ["uint32_t", "int32_t", "int32_t", "uint8_t", "int32_t", "uint16_t", "uint16_t", "int16_t", "char", "uint8_t", "uint8_t", "uint16_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
@@ -1412,14 +1429,10 @@ class MAVLink_adsb_vehicle_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0]
     crc_extra = 184
     unpacker = struct.Struct("<IiiiHHhHHB9sBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, ICAO_address: int, lat: int, lon: int, altitude_type: int, altitude: int, heading: int, hor_velocity: int, ver_velocity: int, callsign: bytes, emitter_type: int, tslc: int, flags: int, squawk: int):
-        MAVLink_message.__init__(self, MAVLink_adsb_vehicle_message.id, MAVLink_adsb_vehicle_message.msgname)
-        self._fieldnames = MAVLink_adsb_vehicle_message.fieldnames
-        self._instance_field = MAVLink_adsb_vehicle_message.instance_field
-        self._instance_offset = MAVLink_adsb_vehicle_message.instance_offset
         self.ICAO_address = ICAO_address
         self.lat = lat
         self.lon = lon
@@ -1450,8 +1463,8 @@ class MAVLink_ais_vessel_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_AIS_VESSEL
-    msgname = "AIS_VESSEL"
-    fieldnames = ["MMSI", "lat", "lon", "COG", "heading", "velocity", "turn_rate", "navigational_status", "type", "dimension_bow", "dimension_stern", "dimension_port", "dimension_starboard", "callsign", "name", "tslc", "flags"]
+    msgname = _type = "AIS_VESSEL"
+    fieldnames = _fieldnames = ["MMSI", "lat", "lon", "COG", "heading", "velocity", "turn_rate", "navigational_status", "type", "dimension_bow", "dimension_stern", "dimension_port", "dimension_starboard", "callsign", "name", "tslc", "flags"]
     ordered_fieldnames = ["MMSI", "lat", "lon", "COG", "heading", "velocity", "dimension_bow", "dimension_stern", "tslc", "flags", "turn_rate", "navigational_status", "type", "dimension_port", "dimension_starboard", "callsign", "name"]
     fieldtypes = ["uint32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "int8_t", "uint8_t", "uint8_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "char", "char", "uint16_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
@@ -1463,14 +1476,10 @@ class MAVLink_ais_vessel_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 7, 20]
     crc_extra = 243
     unpacker = struct.Struct("<IiiHHHHHHHbBBBB7s20s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, MMSI: int, lat: int, lon: int, COG: int, heading: int, velocity: int, turn_rate: int, navigational_status: int, type: int, dimension_bow: int, dimension_stern: int, dimension_port: int, dimension_starboard: int, callsign: bytes, name: bytes, tslc: int, flags: int):
-        MAVLink_message.__init__(self, MAVLink_ais_vessel_message.id, MAVLink_ais_vessel_message.msgname)
-        self._fieldnames = MAVLink_ais_vessel_message.fieldnames
-        self._instance_field = MAVLink_ais_vessel_message.instance_field
-        self._instance_offset = MAVLink_ais_vessel_message.instance_offset
         self.MMSI = MMSI
         self.lat = lat
         self.lon = lon
@@ -1506,8 +1515,8 @@ class MAVLink_camera_information_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_CAMERA_INFORMATION
-    msgname = "CAMERA_INFORMATION"
-    fieldnames = ["time_boot_ms", "vendor_name", "model_name", "firmware_version", "focal_length", "sensor_size_h", "sensor_size_v", "resolution_h", "resolution_v", "lens_id", "flags", "cam_definition_version", "cam_definition_uri", "gimbal_device_id", "camera_device_id"]
+    msgname = _type = "CAMERA_INFORMATION"
+    fieldnames = _fieldnames = ["time_boot_ms", "vendor_name", "model_name", "firmware_version", "focal_length", "sensor_size_h", "sensor_size_v", "resolution_h", "resolution_v", "lens_id", "flags", "cam_definition_version", "cam_definition_uri", "gimbal_device_id", "camera_device_id"]
     ordered_fieldnames = ["time_boot_ms", "firmware_version", "focal_length", "sensor_size_h", "sensor_size_v", "flags", "resolution_h", "resolution_v", "cam_definition_version", "vendor_name", "model_name", "lens_id", "cam_definition_uri", "gimbal_device_id", "camera_device_id"]
     fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint32_t", "float", "float", "float", "uint16_t", "uint16_t", "uint8_t", "uint32_t", "uint16_t", "char", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1519,14 +1528,10 @@ class MAVLink_camera_information_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 32, 32, 0, 140, 0, 0]
     crc_extra = 92
     unpacker = struct.Struct("<IIfffIHHH32B32BB140sBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, vendor_name: Sequence[int], model_name: Sequence[int], firmware_version: int, focal_length: float, sensor_size_h: float, sensor_size_v: float, resolution_h: int, resolution_v: int, lens_id: int, flags: int, cam_definition_version: int, cam_definition_uri: bytes, gimbal_device_id: int = 0, camera_device_id: int = 0):
-        MAVLink_message.__init__(self, MAVLink_camera_information_message.id, MAVLink_camera_information_message.msgname)
-        self._fieldnames = MAVLink_camera_information_message.fieldnames
-        self._instance_field = MAVLink_camera_information_message.instance_field
-        self._instance_offset = MAVLink_camera_information_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.vendor_name = vendor_name
         self.model_name = model_name
@@ -1559,8 +1564,8 @@ class MAVLink_camera_settings_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_CAMERA_SETTINGS
-    msgname = "CAMERA_SETTINGS"
-    fieldnames = ["time_boot_ms", "mode_id", "zoomLevel", "focusLevel", "camera_device_id"]
+    msgname = _type = "CAMERA_SETTINGS"
+    fieldnames = _fieldnames = ["time_boot_ms", "mode_id", "zoomLevel", "focusLevel", "camera_device_id"]
     ordered_fieldnames = ["time_boot_ms", "mode_id", "zoomLevel", "focusLevel", "camera_device_id"]
     fieldtypes = ["uint32_t", "uint8_t", "float", "float", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1572,14 +1577,10 @@ class MAVLink_camera_settings_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 146
     unpacker = struct.Struct("<IBffB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, mode_id: int, zoomLevel: float = 0, focusLevel: float = 0, camera_device_id: int = 0):
-        MAVLink_message.__init__(self, MAVLink_camera_settings_message.id, MAVLink_camera_settings_message.msgname)
-        self._fieldnames = MAVLink_camera_settings_message.fieldnames
-        self._instance_field = MAVLink_camera_settings_message.instance_field
-        self._instance_offset = MAVLink_camera_settings_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.mode_id = mode_id
         self.zoomLevel = zoomLevel
@@ -1601,8 +1602,8 @@ class MAVLink_camera_capture_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS
-    msgname = "CAMERA_CAPTURE_STATUS"
-    fieldnames = ["time_boot_ms", "image_status", "video_status", "image_interval", "recording_time_ms", "available_capacity", "image_count", "camera_device_id"]
+    msgname = _type = "CAMERA_CAPTURE_STATUS"
+    fieldnames = _fieldnames = ["time_boot_ms", "image_status", "video_status", "image_interval", "recording_time_ms", "available_capacity", "image_count", "camera_device_id"]
     ordered_fieldnames = ["time_boot_ms", "image_interval", "recording_time_ms", "available_capacity", "image_status", "video_status", "image_count", "camera_device_id"]
     fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "float", "uint32_t", "float", "int32_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1614,14 +1615,10 @@ class MAVLink_camera_capture_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 12
     unpacker = struct.Struct("<IfIfBBiB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, image_status: int, video_status: int, image_interval: float, recording_time_ms: int, available_capacity: float, image_count: int = 0, camera_device_id: int = 0):
-        MAVLink_message.__init__(self, MAVLink_camera_capture_status_message.id, MAVLink_camera_capture_status_message.msgname)
-        self._fieldnames = MAVLink_camera_capture_status_message.fieldnames
-        self._instance_field = MAVLink_camera_capture_status_message.instance_field
-        self._instance_offset = MAVLink_camera_capture_status_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.image_status = image_status
         self.video_status = video_status
@@ -1646,8 +1643,8 @@ class MAVLink_video_stream_information_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION
-    msgname = "VIDEO_STREAM_INFORMATION"
-    fieldnames = ["stream_id", "count", "type", "flags", "framerate", "resolution_h", "resolution_v", "bitrate", "rotation", "hfov", "name", "uri", "encoding", "camera_device_id"]
+    msgname = _type = "VIDEO_STREAM_INFORMATION"
+    fieldnames = _fieldnames = ["stream_id", "count", "type", "flags", "framerate", "resolution_h", "resolution_v", "bitrate", "rotation", "hfov", "name", "uri", "encoding", "camera_device_id"]
     ordered_fieldnames = ["framerate", "bitrate", "flags", "resolution_h", "resolution_v", "rotation", "hfov", "stream_id", "count", "type", "name", "uri", "encoding", "camera_device_id"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint16_t", "float", "uint16_t", "uint16_t", "uint32_t", "uint16_t", "uint16_t", "char", "char", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1659,14 +1656,10 @@ class MAVLink_video_stream_information_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 32, 160, 0, 0]
     crc_extra = 109
     unpacker = struct.Struct("<fIHHHHHBBB32s160sBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, stream_id: int, count: int, type: int, flags: int, framerate: float, resolution_h: int, resolution_v: int, bitrate: int, rotation: int, hfov: int, name: bytes, uri: bytes, encoding: int = 0, camera_device_id: int = 0):
-        MAVLink_message.__init__(self, MAVLink_video_stream_information_message.id, MAVLink_video_stream_information_message.msgname)
-        self._fieldnames = MAVLink_video_stream_information_message.fieldnames
-        self._instance_field = MAVLink_video_stream_information_message.instance_field
-        self._instance_offset = MAVLink_video_stream_information_message.instance_offset
         self.stream_id = stream_id
         self.count = count
         self.type = type
@@ -1699,8 +1692,8 @@ class MAVLink_video_stream_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_VIDEO_STREAM_STATUS
-    msgname = "VIDEO_STREAM_STATUS"
-    fieldnames = ["stream_id", "flags", "framerate", "resolution_h", "resolution_v", "bitrate", "rotation", "hfov", "camera_device_id"]
+    msgname = _type = "VIDEO_STREAM_STATUS"
+    fieldnames = _fieldnames = ["stream_id", "flags", "framerate", "resolution_h", "resolution_v", "bitrate", "rotation", "hfov", "camera_device_id"]
     ordered_fieldnames = ["framerate", "bitrate", "flags", "resolution_h", "resolution_v", "rotation", "hfov", "stream_id", "camera_device_id"]
     fieldtypes = ["uint8_t", "uint16_t", "float", "uint16_t", "uint16_t", "uint32_t", "uint16_t", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1712,14 +1705,10 @@ class MAVLink_video_stream_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 59
     unpacker = struct.Struct("<fIHHHHHBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, stream_id: int, flags: int, framerate: float, resolution_h: int, resolution_v: int, bitrate: int, rotation: int, hfov: int, camera_device_id: int = 0):
-        MAVLink_message.__init__(self, MAVLink_video_stream_status_message.id, MAVLink_video_stream_status_message.msgname)
-        self._fieldnames = MAVLink_video_stream_status_message.fieldnames
-        self._instance_field = MAVLink_video_stream_status_message.instance_field
-        self._instance_offset = MAVLink_video_stream_status_message.instance_offset
         self.stream_id = stream_id
         self.flags = flags
         self.framerate = framerate
@@ -1745,8 +1734,8 @@ class MAVLink_gimbal_manager_information_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION
-    msgname = "GIMBAL_MANAGER_INFORMATION"
-    fieldnames = ["time_boot_ms", "cap_flags", "gimbal_device_id", "roll_min", "roll_max", "pitch_min", "pitch_max", "yaw_min", "yaw_max"]
+    msgname = _type = "GIMBAL_MANAGER_INFORMATION"
+    fieldnames = _fieldnames = ["time_boot_ms", "cap_flags", "gimbal_device_id", "roll_min", "roll_max", "pitch_min", "pitch_max", "yaw_min", "yaw_max"]
     ordered_fieldnames = ["time_boot_ms", "cap_flags", "roll_min", "roll_max", "pitch_min", "pitch_max", "yaw_min", "yaw_max", "gimbal_device_id"]
     fieldtypes = ["uint32_t", "uint32_t", "uint8_t", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1758,14 +1747,10 @@ class MAVLink_gimbal_manager_information_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 70
     unpacker = struct.Struct("<IIffffffB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, cap_flags: int, gimbal_device_id: int, roll_min: float, roll_max: float, pitch_min: float, pitch_max: float, yaw_min: float, yaw_max: float):
-        MAVLink_message.__init__(self, MAVLink_gimbal_manager_information_message.id, MAVLink_gimbal_manager_information_message.msgname)
-        self._fieldnames = MAVLink_gimbal_manager_information_message.fieldnames
-        self._instance_field = MAVLink_gimbal_manager_information_message.instance_field
-        self._instance_offset = MAVLink_gimbal_manager_information_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.cap_flags = cap_flags
         self.gimbal_device_id = gimbal_device_id
@@ -1791,8 +1776,8 @@ class MAVLink_gimbal_manager_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
-    msgname = "GIMBAL_MANAGER_STATUS"
-    fieldnames = ["time_boot_ms", "flags", "gimbal_device_id", "primary_control_sysid", "primary_control_compid", "secondary_control_sysid", "secondary_control_compid"]
+    msgname = _type = "GIMBAL_MANAGER_STATUS"
+    fieldnames = _fieldnames = ["time_boot_ms", "flags", "gimbal_device_id", "primary_control_sysid", "primary_control_compid", "secondary_control_sysid", "secondary_control_compid"]
     ordered_fieldnames = ["time_boot_ms", "flags", "gimbal_device_id", "primary_control_sysid", "primary_control_compid", "secondary_control_sysid", "secondary_control_compid"]
     fieldtypes = ["uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1804,14 +1789,10 @@ class MAVLink_gimbal_manager_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0]
     crc_extra = 48
     unpacker = struct.Struct("<IIBBBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, flags: int, gimbal_device_id: int, primary_control_sysid: int, primary_control_compid: int, secondary_control_sysid: int, secondary_control_compid: int):
-        MAVLink_message.__init__(self, MAVLink_gimbal_manager_status_message.id, MAVLink_gimbal_manager_status_message.msgname)
-        self._fieldnames = MAVLink_gimbal_manager_status_message.fieldnames
-        self._instance_field = MAVLink_gimbal_manager_status_message.instance_field
-        self._instance_offset = MAVLink_gimbal_manager_status_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.flags = flags
         self.gimbal_device_id = gimbal_device_id
@@ -1835,8 +1816,8 @@ class MAVLink_gimbal_manager_set_attitude_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_ATTITUDE
-    msgname = "GIMBAL_MANAGER_SET_ATTITUDE"
-    fieldnames = ["target_system", "target_component", "flags", "gimbal_device_id", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z"]
+    msgname = _type = "GIMBAL_MANAGER_SET_ATTITUDE"
+    fieldnames = _fieldnames = ["target_system", "target_component", "flags", "gimbal_device_id", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z"]
     ordered_fieldnames = ["flags", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z", "target_system", "target_component", "gimbal_device_id"]
     fieldtypes = ["uint8_t", "uint8_t", "uint32_t", "uint8_t", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1848,14 +1829,10 @@ class MAVLink_gimbal_manager_set_attitude_message(MAVLink_message):
     array_lengths = [0, 4, 0, 0, 0, 0, 0, 0]
     crc_extra = 123
     unpacker = struct.Struct("<I4ffffBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, flags: int, gimbal_device_id: int, q: Sequence[float], angular_velocity_x: float, angular_velocity_y: float, angular_velocity_z: float):
-        MAVLink_message.__init__(self, MAVLink_gimbal_manager_set_attitude_message.id, MAVLink_gimbal_manager_set_attitude_message.msgname)
-        self._fieldnames = MAVLink_gimbal_manager_set_attitude_message.fieldnames
-        self._instance_field = MAVLink_gimbal_manager_set_attitude_message.instance_field
-        self._instance_offset = MAVLink_gimbal_manager_set_attitude_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.flags = flags
@@ -1880,8 +1857,8 @@ class MAVLink_gimbal_device_attitude_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
-    msgname = "GIMBAL_DEVICE_ATTITUDE_STATUS"
-    fieldnames = ["target_system", "target_component", "time_boot_ms", "flags", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z", "failure_flags", "delta_yaw", "delta_yaw_velocity", "gimbal_device_id"]
+    msgname = _type = "GIMBAL_DEVICE_ATTITUDE_STATUS"
+    fieldnames = _fieldnames = ["target_system", "target_component", "time_boot_ms", "flags", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z", "failure_flags", "delta_yaw", "delta_yaw_velocity", "gimbal_device_id"]
     ordered_fieldnames = ["time_boot_ms", "q", "angular_velocity_x", "angular_velocity_y", "angular_velocity_z", "failure_flags", "flags", "target_system", "target_component", "delta_yaw", "delta_yaw_velocity", "gimbal_device_id"]
     fieldtypes = ["uint8_t", "uint8_t", "uint32_t", "uint16_t", "float", "float", "float", "float", "uint32_t", "float", "float", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1893,14 +1870,10 @@ class MAVLink_gimbal_device_attitude_status_message(MAVLink_message):
     array_lengths = [0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 137
     unpacker = struct.Struct("<I4ffffIHBBffB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, time_boot_ms: int, flags: int, q: Sequence[float], angular_velocity_x: float, angular_velocity_y: float, angular_velocity_z: float, failure_flags: int, delta_yaw: float = 0, delta_yaw_velocity: float = 0, gimbal_device_id: int = 0):
-        MAVLink_message.__init__(self, MAVLink_gimbal_device_attitude_status_message.id, MAVLink_gimbal_device_attitude_status_message.msgname)
-        self._fieldnames = MAVLink_gimbal_device_attitude_status_message.fieldnames
-        self._instance_field = MAVLink_gimbal_device_attitude_status_message.instance_field
-        self._instance_offset = MAVLink_gimbal_device_attitude_status_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.time_boot_ms = time_boot_ms
@@ -1929,8 +1902,8 @@ class MAVLink_gimbal_manager_set_pitchyaw_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GIMBAL_MANAGER_SET_PITCHYAW
-    msgname = "GIMBAL_MANAGER_SET_PITCHYAW"
-    fieldnames = ["target_system", "target_component", "flags", "gimbal_device_id", "pitch", "yaw", "pitch_rate", "yaw_rate"]
+    msgname = _type = "GIMBAL_MANAGER_SET_PITCHYAW"
+    fieldnames = _fieldnames = ["target_system", "target_component", "flags", "gimbal_device_id", "pitch", "yaw", "pitch_rate", "yaw_rate"]
     ordered_fieldnames = ["flags", "pitch", "yaw", "pitch_rate", "yaw_rate", "target_system", "target_component", "gimbal_device_id"]
     fieldtypes = ["uint8_t", "uint8_t", "uint32_t", "uint8_t", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -1942,14 +1915,10 @@ class MAVLink_gimbal_manager_set_pitchyaw_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 1
     unpacker = struct.Struct("<IffffBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, flags: int, gimbal_device_id: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float):
-        MAVLink_message.__init__(self, MAVLink_gimbal_manager_set_pitchyaw_message.id, MAVLink_gimbal_manager_set_pitchyaw_message.msgname)
-        self._fieldnames = MAVLink_gimbal_manager_set_pitchyaw_message.fieldnames
-        self._instance_field = MAVLink_gimbal_manager_set_pitchyaw_message.instance_field
-        self._instance_offset = MAVLink_gimbal_manager_set_pitchyaw_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.flags = flags
@@ -1974,8 +1943,8 @@ class MAVLink_heartbeat_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_HEARTBEAT
-    msgname = "HEARTBEAT"
-    fieldnames = ["type", "autopilot", "base_mode", "custom_mode", "system_status", "mavlink_version"]
+    msgname = _type = "HEARTBEAT"
+    fieldnames = _fieldnames = ["type", "autopilot", "base_mode", "custom_mode", "system_status", "mavlink_version"]
     ordered_fieldnames = ["custom_mode", "type", "autopilot", "base_mode", "system_status", "mavlink_version"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint32_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {"base_mode": "bitmask"}
@@ -1987,14 +1956,10 @@ class MAVLink_heartbeat_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0]
     crc_extra = 50
     unpacker = struct.Struct("<IBBBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, type: int, autopilot: int, base_mode: int, custom_mode: int, system_status: int, mavlink_version: int):
-        MAVLink_message.__init__(self, MAVLink_heartbeat_message.id, MAVLink_heartbeat_message.msgname)
-        self._fieldnames = MAVLink_heartbeat_message.fieldnames
-        self._instance_field = MAVLink_heartbeat_message.instance_field
-        self._instance_offset = MAVLink_heartbeat_message.instance_offset
         self.type = type
         self.autopilot = autopilot
         self.base_mode = base_mode
@@ -2017,8 +1982,8 @@ class MAVLink_sys_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SYS_STATUS
-    msgname = "SYS_STATUS"
-    fieldnames = ["onboard_control_sensors_present", "onboard_control_sensors_enabled", "onboard_control_sensors_health", "load", "voltage_battery", "current_battery", "battery_remaining", "drop_rate_comm", "errors_comm", "errors_count1", "errors_count2", "errors_count3", "errors_count4"]
+    msgname = _type = "SYS_STATUS"
+    fieldnames = _fieldnames = ["onboard_control_sensors_present", "onboard_control_sensors_enabled", "onboard_control_sensors_health", "load", "voltage_battery", "current_battery", "battery_remaining", "drop_rate_comm", "errors_comm", "errors_count1", "errors_count2", "errors_count3", "errors_count4"]
     ordered_fieldnames = ["onboard_control_sensors_present", "onboard_control_sensors_enabled", "onboard_control_sensors_health", "load", "voltage_battery", "current_battery", "drop_rate_comm", "errors_comm", "errors_count1", "errors_count2", "errors_count3", "errors_count4", "battery_remaining"]
     fieldtypes = ["uint32_t", "uint32_t", "uint32_t", "uint16_t", "uint16_t", "int16_t", "int8_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {"onboard_control_sensors_present": "bitmask", "onboard_control_sensors_enabled": "bitmask", "onboard_control_sensors_health": "bitmask"}
@@ -2030,14 +1995,10 @@ class MAVLink_sys_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 124
     unpacker = struct.Struct("<IIIHHhHHHHHHb")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, onboard_control_sensors_present: int, onboard_control_sensors_enabled: int, onboard_control_sensors_health: int, load: int, voltage_battery: int, current_battery: int, battery_remaining: int, drop_rate_comm: int, errors_comm: int, errors_count1: int, errors_count2: int, errors_count3: int, errors_count4: int):
-        MAVLink_message.__init__(self, MAVLink_sys_status_message.id, MAVLink_sys_status_message.msgname)
-        self._fieldnames = MAVLink_sys_status_message.fieldnames
-        self._instance_field = MAVLink_sys_status_message.instance_field
-        self._instance_offset = MAVLink_sys_status_message.instance_offset
         self.onboard_control_sensors_present = onboard_control_sensors_present
         self.onboard_control_sensors_enabled = onboard_control_sensors_enabled
         self.onboard_control_sensors_health = onboard_control_sensors_health
@@ -2067,8 +2028,8 @@ class MAVLink_system_time_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SYSTEM_TIME
-    msgname = "SYSTEM_TIME"
-    fieldnames = ["time_unix_usec", "time_boot_ms"]
+    msgname = _type = "SYSTEM_TIME"
+    fieldnames = _fieldnames = ["time_unix_usec", "time_boot_ms"]
     ordered_fieldnames = ["time_unix_usec", "time_boot_ms"]
     fieldtypes = ["uint64_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2080,14 +2041,10 @@ class MAVLink_system_time_message(MAVLink_message):
     array_lengths = [0, 0]
     crc_extra = 137
     unpacker = struct.Struct("<QI")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_unix_usec: int, time_boot_ms: int):
-        MAVLink_message.__init__(self, MAVLink_system_time_message.id, MAVLink_system_time_message.msgname)
-        self._fieldnames = MAVLink_system_time_message.fieldnames
-        self._instance_field = MAVLink_system_time_message.instance_field
-        self._instance_offset = MAVLink_system_time_message.instance_offset
         self.time_unix_usec = time_unix_usec
         self.time_boot_ms = time_boot_ms
 
@@ -2106,8 +2063,8 @@ class MAVLink_ping_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_PING
-    msgname = "PING"
-    fieldnames = ["time_usec", "seq", "target_system", "target_component"]
+    msgname = _type = "PING"
+    fieldnames = _fieldnames = ["time_usec", "seq", "target_system", "target_component"]
     ordered_fieldnames = ["time_usec", "seq", "target_system", "target_component"]
     fieldtypes = ["uint64_t", "uint32_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2119,14 +2076,10 @@ class MAVLink_ping_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0]
     crc_extra = 237
     unpacker = struct.Struct("<QIBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, seq: int, target_system: int, target_component: int):
-        MAVLink_message.__init__(self, MAVLink_ping_message.id, MAVLink_ping_message.msgname)
-        self._fieldnames = MAVLink_ping_message.fieldnames
-        self._instance_field = MAVLink_ping_message.instance_field
-        self._instance_offset = MAVLink_ping_message.instance_offset
         self.time_usec = time_usec
         self.seq = seq
         self.target_system = target_system
@@ -2147,8 +2100,8 @@ class MAVLink_set_mode_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SET_MODE
-    msgname = "SET_MODE"
-    fieldnames = ["target_system", "base_mode", "custom_mode"]
+    msgname = _type = "SET_MODE"
+    fieldnames = _fieldnames = ["target_system", "base_mode", "custom_mode"]
     ordered_fieldnames = ["custom_mode", "target_system", "base_mode"]
     fieldtypes = ["uint8_t", "uint8_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2160,14 +2113,10 @@ class MAVLink_set_mode_message(MAVLink_message):
     array_lengths = [0, 0, 0]
     crc_extra = 89
     unpacker = struct.Struct("<IBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, base_mode: int, custom_mode: int):
-        MAVLink_message.__init__(self, MAVLink_set_mode_message.id, MAVLink_set_mode_message.msgname)
-        self._fieldnames = MAVLink_set_mode_message.fieldnames
-        self._instance_field = MAVLink_set_mode_message.instance_field
-        self._instance_offset = MAVLink_set_mode_message.instance_offset
         self.target_system = target_system
         self.base_mode = base_mode
         self.custom_mode = custom_mode
@@ -2187,8 +2136,8 @@ class MAVLink_param_request_read_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_PARAM_REQUEST_READ
-    msgname = "PARAM_REQUEST_READ"
-    fieldnames = ["target_system", "target_component", "param_id", "param_index"]
+    msgname = _type = "PARAM_REQUEST_READ"
+    fieldnames = _fieldnames = ["target_system", "target_component", "param_id", "param_index"]
     ordered_fieldnames = ["param_index", "target_system", "target_component", "param_id"]
     fieldtypes = ["uint8_t", "uint8_t", "char", "int16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2200,14 +2149,10 @@ class MAVLink_param_request_read_message(MAVLink_message):
     array_lengths = [0, 0, 0, 16]
     crc_extra = 214
     unpacker = struct.Struct("<hBB16s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, param_id: bytes, param_index: int):
-        MAVLink_message.__init__(self, MAVLink_param_request_read_message.id, MAVLink_param_request_read_message.msgname)
-        self._fieldnames = MAVLink_param_request_read_message.fieldnames
-        self._instance_field = MAVLink_param_request_read_message.instance_field
-        self._instance_offset = MAVLink_param_request_read_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self._param_id_raw = param_id
@@ -2229,8 +2174,8 @@ class MAVLink_param_request_list_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_PARAM_REQUEST_LIST
-    msgname = "PARAM_REQUEST_LIST"
-    fieldnames = ["target_system", "target_component"]
+    msgname = _type = "PARAM_REQUEST_LIST"
+    fieldnames = _fieldnames = ["target_system", "target_component"]
     ordered_fieldnames = ["target_system", "target_component"]
     fieldtypes = ["uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2242,14 +2187,10 @@ class MAVLink_param_request_list_message(MAVLink_message):
     array_lengths = [0, 0]
     crc_extra = 159
     unpacker = struct.Struct("<BB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int):
-        MAVLink_message.__init__(self, MAVLink_param_request_list_message.id, MAVLink_param_request_list_message.msgname)
-        self._fieldnames = MAVLink_param_request_list_message.fieldnames
-        self._instance_field = MAVLink_param_request_list_message.instance_field
-        self._instance_offset = MAVLink_param_request_list_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
 
@@ -2268,8 +2209,8 @@ class MAVLink_param_value_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_PARAM_VALUE
-    msgname = "PARAM_VALUE"
-    fieldnames = ["param_id", "param_value", "param_type", "param_count", "param_index"]
+    msgname = _type = "PARAM_VALUE"
+    fieldnames = _fieldnames = ["param_id", "param_value", "param_type", "param_count", "param_index"]
     ordered_fieldnames = ["param_value", "param_count", "param_index", "param_id", "param_type"]
     fieldtypes = ["char", "float", "uint8_t", "uint16_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2281,14 +2222,10 @@ class MAVLink_param_value_message(MAVLink_message):
     array_lengths = [0, 0, 0, 16, 0]
     crc_extra = 220
     unpacker = struct.Struct("<fHH16sB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, param_id: bytes, param_value: float, param_type: int, param_count: int, param_index: int):
-        MAVLink_message.__init__(self, MAVLink_param_value_message.id, MAVLink_param_value_message.msgname)
-        self._fieldnames = MAVLink_param_value_message.fieldnames
-        self._instance_field = MAVLink_param_value_message.instance_field
-        self._instance_offset = MAVLink_param_value_message.instance_offset
         self._param_id_raw = param_id
         self.param_id = param_id.split(b"\x00", 1)[0].decode("ascii", errors="replace")
         self.param_value = param_value
@@ -2311,8 +2248,8 @@ class MAVLink_param_set_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_PARAM_SET
-    msgname = "PARAM_SET"
-    fieldnames = ["target_system", "target_component", "param_id", "param_value", "param_type"]
+    msgname = _type = "PARAM_SET"
+    fieldnames = _fieldnames = ["target_system", "target_component", "param_id", "param_value", "param_type"]
     ordered_fieldnames = ["param_value", "target_system", "target_component", "param_id", "param_type"]
     fieldtypes = ["uint8_t", "uint8_t", "char", "float", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2324,14 +2261,10 @@ class MAVLink_param_set_message(MAVLink_message):
     array_lengths = [0, 0, 0, 16, 0]
     crc_extra = 168
     unpacker = struct.Struct("<fBB16sB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, param_id: bytes, param_value: float, param_type: int):
-        MAVLink_message.__init__(self, MAVLink_param_set_message.id, MAVLink_param_set_message.msgname)
-        self._fieldnames = MAVLink_param_set_message.fieldnames
-        self._instance_field = MAVLink_param_set_message.instance_field
-        self._instance_offset = MAVLink_param_set_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self._param_id_raw = param_id
@@ -2354,8 +2287,8 @@ class MAVLink_gps_raw_int_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GPS_RAW_INT
-    msgname = "GPS_RAW_INT"
-    fieldnames = ["time_usec", "fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "cog", "satellites_visible", "alt_ellipsoid", "h_acc", "v_acc", "vel_acc", "hdg_acc", "yaw"]
+    msgname = _type = "GPS_RAW_INT"
+    fieldnames = _fieldnames = ["time_usec", "fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "cog", "satellites_visible", "alt_ellipsoid", "h_acc", "v_acc", "vel_acc", "hdg_acc", "yaw"]
     ordered_fieldnames = ["time_usec", "lat", "lon", "alt", "eph", "epv", "vel", "cog", "fix_type", "satellites_visible", "alt_ellipsoid", "h_acc", "v_acc", "vel_acc", "hdg_acc", "yaw"]
     fieldtypes = ["uint64_t", "uint8_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "int32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2367,14 +2300,10 @@ class MAVLink_gps_raw_int_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 24
     unpacker = struct.Struct("<QiiiHHHHBBiIIIIH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, fix_type: int, lat: int, lon: int, alt: int, eph: int, epv: int, vel: int, cog: int, satellites_visible: int, alt_ellipsoid: int = 0, h_acc: int = 0, v_acc: int = 0, vel_acc: int = 0, hdg_acc: int = 0, yaw: int = 0):
-        MAVLink_message.__init__(self, MAVLink_gps_raw_int_message.id, MAVLink_gps_raw_int_message.msgname)
-        self._fieldnames = MAVLink_gps_raw_int_message.fieldnames
-        self._instance_field = MAVLink_gps_raw_int_message.instance_field
-        self._instance_offset = MAVLink_gps_raw_int_message.instance_offset
         self.time_usec = time_usec
         self.fix_type = fix_type
         self.lat = lat
@@ -2407,8 +2336,8 @@ class MAVLink_raw_imu_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_RAW_IMU
-    msgname = "RAW_IMU"
-    fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "id", "temperature"]
+    msgname = _type = "RAW_IMU"
+    fieldnames = _fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "id", "temperature"]
     ordered_fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "id", "temperature"]
     fieldtypes = ["uint64_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "uint8_t", "int16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2420,14 +2349,10 @@ class MAVLink_raw_imu_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 144
     unpacker = struct.Struct("<QhhhhhhhhhBh")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, xacc: int, yacc: int, zacc: int, xgyro: int, ygyro: int, zgyro: int, xmag: int, ymag: int, zmag: int, id: int = 0, temperature: int = 0):
-        MAVLink_message.__init__(self, MAVLink_raw_imu_message.id, MAVLink_raw_imu_message.msgname)
-        self._fieldnames = MAVLink_raw_imu_message.fieldnames
-        self._instance_field = MAVLink_raw_imu_message.instance_field
-        self._instance_offset = MAVLink_raw_imu_message.instance_offset
         self.time_usec = time_usec
         self.xacc = xacc
         self.yacc = yacc
@@ -2456,8 +2381,8 @@ class MAVLink_scaled_pressure_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SCALED_PRESSURE
-    msgname = "SCALED_PRESSURE"
-    fieldnames = ["time_boot_ms", "press_abs", "press_diff", "temperature", "temperature_press_diff"]
+    msgname = _type = "SCALED_PRESSURE"
+    fieldnames = _fieldnames = ["time_boot_ms", "press_abs", "press_diff", "temperature", "temperature_press_diff"]
     ordered_fieldnames = ["time_boot_ms", "press_abs", "press_diff", "temperature", "temperature_press_diff"]
     fieldtypes = ["uint32_t", "float", "float", "int16_t", "int16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2469,14 +2394,10 @@ class MAVLink_scaled_pressure_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 115
     unpacker = struct.Struct("<Iffhh")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, press_abs: float, press_diff: float, temperature: int, temperature_press_diff: int = 0):
-        MAVLink_message.__init__(self, MAVLink_scaled_pressure_message.id, MAVLink_scaled_pressure_message.msgname)
-        self._fieldnames = MAVLink_scaled_pressure_message.fieldnames
-        self._instance_field = MAVLink_scaled_pressure_message.instance_field
-        self._instance_offset = MAVLink_scaled_pressure_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.press_abs = press_abs
         self.press_diff = press_diff
@@ -2498,8 +2419,8 @@ class MAVLink_attitude_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_ATTITUDE
-    msgname = "ATTITUDE"
-    fieldnames = ["time_boot_ms", "roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"]
+    msgname = _type = "ATTITUDE"
+    fieldnames = _fieldnames = ["time_boot_ms", "roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"]
     ordered_fieldnames = ["time_boot_ms", "roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"]
     fieldtypes = ["uint32_t", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2511,14 +2432,10 @@ class MAVLink_attitude_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0]
     crc_extra = 39
     unpacker = struct.Struct("<Iffffff")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, roll: float, pitch: float, yaw: float, rollspeed: float, pitchspeed: float, yawspeed: float):
-        MAVLink_message.__init__(self, MAVLink_attitude_message.id, MAVLink_attitude_message.msgname)
-        self._fieldnames = MAVLink_attitude_message.fieldnames
-        self._instance_field = MAVLink_attitude_message.instance_field
-        self._instance_offset = MAVLink_attitude_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.roll = roll
         self.pitch = pitch
@@ -2542,8 +2459,8 @@ class MAVLink_attitude_quaternion_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_ATTITUDE_QUATERNION
-    msgname = "ATTITUDE_QUATERNION"
-    fieldnames = ["time_boot_ms", "q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"]
+    msgname = _type = "ATTITUDE_QUATERNION"
+    fieldnames = _fieldnames = ["time_boot_ms", "q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"]
     ordered_fieldnames = ["time_boot_ms", "q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"]
     fieldtypes = ["uint32_t", "float", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2555,14 +2472,10 @@ class MAVLink_attitude_quaternion_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 246
     unpacker = struct.Struct("<Ifffffff")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, q1: float, q2: float, q3: float, q4: float, rollspeed: float, pitchspeed: float, yawspeed: float):
-        MAVLink_message.__init__(self, MAVLink_attitude_quaternion_message.id, MAVLink_attitude_quaternion_message.msgname)
-        self._fieldnames = MAVLink_attitude_quaternion_message.fieldnames
-        self._instance_field = MAVLink_attitude_quaternion_message.instance_field
-        self._instance_offset = MAVLink_attitude_quaternion_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.q1 = q1
         self.q2 = q2
@@ -2587,8 +2500,8 @@ class MAVLink_local_position_ned_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_LOCAL_POSITION_NED
-    msgname = "LOCAL_POSITION_NED"
-    fieldnames = ["time_boot_ms", "x", "y", "z", "vx", "vy", "vz"]
+    msgname = _type = "LOCAL_POSITION_NED"
+    fieldnames = _fieldnames = ["time_boot_ms", "x", "y", "z", "vx", "vy", "vz"]
     ordered_fieldnames = ["time_boot_ms", "x", "y", "z", "vx", "vy", "vz"]
     fieldtypes = ["uint32_t", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2600,14 +2513,10 @@ class MAVLink_local_position_ned_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0]
     crc_extra = 185
     unpacker = struct.Struct("<Iffffff")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, x: float, y: float, z: float, vx: float, vy: float, vz: float):
-        MAVLink_message.__init__(self, MAVLink_local_position_ned_message.id, MAVLink_local_position_ned_message.msgname)
-        self._fieldnames = MAVLink_local_position_ned_message.fieldnames
-        self._instance_field = MAVLink_local_position_ned_message.instance_field
-        self._instance_offset = MAVLink_local_position_ned_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.x = x
         self.y = y
@@ -2631,8 +2540,8 @@ class MAVLink_global_position_int_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-    msgname = "GLOBAL_POSITION_INT"
-    fieldnames = ["time_boot_ms", "lat", "lon", "alt", "relative_alt", "vx", "vy", "vz", "hdg"]
+    msgname = _type = "GLOBAL_POSITION_INT"
+    fieldnames = _fieldnames = ["time_boot_ms", "lat", "lon", "alt", "relative_alt", "vx", "vy", "vz", "hdg"]
     ordered_fieldnames = ["time_boot_ms", "lat", "lon", "alt", "relative_alt", "vx", "vy", "vz", "hdg"]
     fieldtypes = ["uint32_t", "int32_t", "int32_t", "int32_t", "int32_t", "int16_t", "int16_t", "int16_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2644,14 +2553,10 @@ class MAVLink_global_position_int_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 104
     unpacker = struct.Struct("<IiiiihhhH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, lat: int, lon: int, alt: int, relative_alt: int, vx: int, vy: int, vz: int, hdg: int):
-        MAVLink_message.__init__(self, MAVLink_global_position_int_message.id, MAVLink_global_position_int_message.msgname)
-        self._fieldnames = MAVLink_global_position_int_message.fieldnames
-        self._instance_field = MAVLink_global_position_int_message.instance_field
-        self._instance_offset = MAVLink_global_position_int_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.lat = lat
         self.lon = lon
@@ -2677,8 +2582,8 @@ class MAVLink_servo_output_raw_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
-    msgname = "SERVO_OUTPUT_RAW"
-    fieldnames = ["time_usec", "port", "servo1_raw", "servo2_raw", "servo3_raw", "servo4_raw", "servo5_raw", "servo6_raw", "servo7_raw", "servo8_raw", "servo9_raw", "servo10_raw", "servo11_raw", "servo12_raw", "servo13_raw", "servo14_raw", "servo15_raw", "servo16_raw"]
+    msgname = _type = "SERVO_OUTPUT_RAW"
+    fieldnames = _fieldnames = ["time_usec", "port", "servo1_raw", "servo2_raw", "servo3_raw", "servo4_raw", "servo5_raw", "servo6_raw", "servo7_raw", "servo8_raw", "servo9_raw", "servo10_raw", "servo11_raw", "servo12_raw", "servo13_raw", "servo14_raw", "servo15_raw", "servo16_raw"]
     ordered_fieldnames = ["time_usec", "servo1_raw", "servo2_raw", "servo3_raw", "servo4_raw", "servo5_raw", "servo6_raw", "servo7_raw", "servo8_raw", "port", "servo9_raw", "servo10_raw", "servo11_raw", "servo12_raw", "servo13_raw", "servo14_raw", "servo15_raw", "servo16_raw"]
     fieldtypes = ["uint32_t", "uint8_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2690,14 +2595,10 @@ class MAVLink_servo_output_raw_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 222
     unpacker = struct.Struct("<IHHHHHHHHBHHHHHHHH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, port: int, servo1_raw: int, servo2_raw: int, servo3_raw: int, servo4_raw: int, servo5_raw: int, servo6_raw: int, servo7_raw: int, servo8_raw: int, servo9_raw: int = 0, servo10_raw: int = 0, servo11_raw: int = 0, servo12_raw: int = 0, servo13_raw: int = 0, servo14_raw: int = 0, servo15_raw: int = 0, servo16_raw: int = 0):
-        MAVLink_message.__init__(self, MAVLink_servo_output_raw_message.id, MAVLink_servo_output_raw_message.msgname)
-        self._fieldnames = MAVLink_servo_output_raw_message.fieldnames
-        self._instance_field = MAVLink_servo_output_raw_message.instance_field
-        self._instance_offset = MAVLink_servo_output_raw_message.instance_offset
         self.time_usec = time_usec
         self.port = port
         self.servo1_raw = servo1_raw
@@ -2732,8 +2633,8 @@ class MAVLink_mission_request_partial_list_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST
-    msgname = "MISSION_REQUEST_PARTIAL_LIST"
-    fieldnames = ["target_system", "target_component", "start_index", "end_index", "mission_type"]
+    msgname = _type = "MISSION_REQUEST_PARTIAL_LIST"
+    fieldnames = _fieldnames = ["target_system", "target_component", "start_index", "end_index", "mission_type"]
     ordered_fieldnames = ["start_index", "end_index", "target_system", "target_component", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "int16_t", "int16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2745,14 +2646,10 @@ class MAVLink_mission_request_partial_list_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 212
     unpacker = struct.Struct("<hhBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_request_partial_list_message.id, MAVLink_mission_request_partial_list_message.msgname)
-        self._fieldnames = MAVLink_mission_request_partial_list_message.fieldnames
-        self._instance_field = MAVLink_mission_request_partial_list_message.instance_field
-        self._instance_offset = MAVLink_mission_request_partial_list_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.start_index = start_index
@@ -2774,8 +2671,8 @@ class MAVLink_mission_write_partial_list_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
-    msgname = "MISSION_WRITE_PARTIAL_LIST"
-    fieldnames = ["target_system", "target_component", "start_index", "end_index", "mission_type"]
+    msgname = _type = "MISSION_WRITE_PARTIAL_LIST"
+    fieldnames = _fieldnames = ["target_system", "target_component", "start_index", "end_index", "mission_type"]
     ordered_fieldnames = ["start_index", "end_index", "target_system", "target_component", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "int16_t", "int16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2787,14 +2684,10 @@ class MAVLink_mission_write_partial_list_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 9
     unpacker = struct.Struct("<hhBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_write_partial_list_message.id, MAVLink_mission_write_partial_list_message.msgname)
-        self._fieldnames = MAVLink_mission_write_partial_list_message.fieldnames
-        self._instance_field = MAVLink_mission_write_partial_list_message.instance_field
-        self._instance_offset = MAVLink_mission_write_partial_list_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.start_index = start_index
@@ -2816,8 +2709,8 @@ class MAVLink_mission_item_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_ITEM
-    msgname = "MISSION_ITEM"
-    fieldnames = ["target_system", "target_component", "seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z", "mission_type"]
+    msgname = _type = "MISSION_ITEM"
+    fieldnames = _fieldnames = ["target_system", "target_component", "seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z", "mission_type"]
     ordered_fieldnames = ["param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command", "target_system", "target_component", "frame", "current", "autocontinue", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t", "uint16_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "float", "float", "float", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2829,14 +2722,10 @@ class MAVLink_mission_item_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 254
     unpacker = struct.Struct("<fffffffHHBBBBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: float, y: float, z: float, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_item_message.id, MAVLink_mission_item_message.msgname)
-        self._fieldnames = MAVLink_mission_item_message.fieldnames
-        self._instance_field = MAVLink_mission_item_message.instance_field
-        self._instance_offset = MAVLink_mission_item_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.seq = seq
@@ -2868,8 +2757,8 @@ class MAVLink_mission_request_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_REQUEST
-    msgname = "MISSION_REQUEST"
-    fieldnames = ["target_system", "target_component", "seq", "mission_type"]
+    msgname = _type = "MISSION_REQUEST"
+    fieldnames = _fieldnames = ["target_system", "target_component", "seq", "mission_type"]
     ordered_fieldnames = ["seq", "target_system", "target_component", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2881,14 +2770,10 @@ class MAVLink_mission_request_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0]
     crc_extra = 230
     unpacker = struct.Struct("<HBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, seq: int, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_request_message.id, MAVLink_mission_request_message.msgname)
-        self._fieldnames = MAVLink_mission_request_message.fieldnames
-        self._instance_field = MAVLink_mission_request_message.instance_field
-        self._instance_offset = MAVLink_mission_request_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.seq = seq
@@ -2909,8 +2794,8 @@ class MAVLink_mission_set_current_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_SET_CURRENT
-    msgname = "MISSION_SET_CURRENT"
-    fieldnames = ["target_system", "target_component", "seq"]
+    msgname = _type = "MISSION_SET_CURRENT"
+    fieldnames = _fieldnames = ["target_system", "target_component", "seq"]
     ordered_fieldnames = ["seq", "target_system", "target_component"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2922,14 +2807,10 @@ class MAVLink_mission_set_current_message(MAVLink_message):
     array_lengths = [0, 0, 0]
     crc_extra = 28
     unpacker = struct.Struct("<HBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, seq: int):
-        MAVLink_message.__init__(self, MAVLink_mission_set_current_message.id, MAVLink_mission_set_current_message.msgname)
-        self._fieldnames = MAVLink_mission_set_current_message.fieldnames
-        self._instance_field = MAVLink_mission_set_current_message.instance_field
-        self._instance_offset = MAVLink_mission_set_current_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.seq = seq
@@ -2949,8 +2830,8 @@ class MAVLink_mission_current_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_CURRENT
-    msgname = "MISSION_CURRENT"
-    fieldnames = ["seq", "total", "mission_state", "mission_mode"]
+    msgname = _type = "MISSION_CURRENT"
+    fieldnames = _fieldnames = ["seq", "total", "mission_state", "mission_mode"]
     ordered_fieldnames = ["seq", "total", "mission_state", "mission_mode"]
     fieldtypes = ["uint16_t", "uint16_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -2962,14 +2843,10 @@ class MAVLink_mission_current_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0]
     crc_extra = 28
     unpacker = struct.Struct("<HHBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, seq: int, total: int = 0, mission_state: int = 0, mission_mode: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_current_message.id, MAVLink_mission_current_message.msgname)
-        self._fieldnames = MAVLink_mission_current_message.fieldnames
-        self._instance_field = MAVLink_mission_current_message.instance_field
-        self._instance_offset = MAVLink_mission_current_message.instance_offset
         self.seq = seq
         self.total = total
         self.mission_state = mission_state
@@ -2990,8 +2867,8 @@ class MAVLink_mission_request_list_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_REQUEST_LIST
-    msgname = "MISSION_REQUEST_LIST"
-    fieldnames = ["target_system", "target_component", "mission_type"]
+    msgname = _type = "MISSION_REQUEST_LIST"
+    fieldnames = _fieldnames = ["target_system", "target_component", "mission_type"]
     ordered_fieldnames = ["target_system", "target_component", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3003,14 +2880,10 @@ class MAVLink_mission_request_list_message(MAVLink_message):
     array_lengths = [0, 0, 0]
     crc_extra = 132
     unpacker = struct.Struct("<BBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_request_list_message.id, MAVLink_mission_request_list_message.msgname)
-        self._fieldnames = MAVLink_mission_request_list_message.fieldnames
-        self._instance_field = MAVLink_mission_request_list_message.instance_field
-        self._instance_offset = MAVLink_mission_request_list_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.mission_type = mission_type
@@ -3030,8 +2903,8 @@ class MAVLink_mission_count_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_COUNT
-    msgname = "MISSION_COUNT"
-    fieldnames = ["target_system", "target_component", "count", "mission_type"]
+    msgname = _type = "MISSION_COUNT"
+    fieldnames = _fieldnames = ["target_system", "target_component", "count", "mission_type"]
     ordered_fieldnames = ["count", "target_system", "target_component", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3043,14 +2916,10 @@ class MAVLink_mission_count_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0]
     crc_extra = 221
     unpacker = struct.Struct("<HBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, count: int, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_count_message.id, MAVLink_mission_count_message.msgname)
-        self._fieldnames = MAVLink_mission_count_message.fieldnames
-        self._instance_field = MAVLink_mission_count_message.instance_field
-        self._instance_offset = MAVLink_mission_count_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.count = count
@@ -3071,8 +2940,8 @@ class MAVLink_mission_clear_all_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_CLEAR_ALL
-    msgname = "MISSION_CLEAR_ALL"
-    fieldnames = ["target_system", "target_component", "mission_type"]
+    msgname = _type = "MISSION_CLEAR_ALL"
+    fieldnames = _fieldnames = ["target_system", "target_component", "mission_type"]
     ordered_fieldnames = ["target_system", "target_component", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3084,14 +2953,10 @@ class MAVLink_mission_clear_all_message(MAVLink_message):
     array_lengths = [0, 0, 0]
     crc_extra = 232
     unpacker = struct.Struct("<BBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_clear_all_message.id, MAVLink_mission_clear_all_message.msgname)
-        self._fieldnames = MAVLink_mission_clear_all_message.fieldnames
-        self._instance_field = MAVLink_mission_clear_all_message.instance_field
-        self._instance_offset = MAVLink_mission_clear_all_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.mission_type = mission_type
@@ -3111,8 +2976,8 @@ class MAVLink_mission_item_reached_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_ITEM_REACHED
-    msgname = "MISSION_ITEM_REACHED"
-    fieldnames = ["seq"]
+    msgname = _type = "MISSION_ITEM_REACHED"
+    fieldnames = _fieldnames = ["seq"]
     ordered_fieldnames = ["seq"]
     fieldtypes = ["uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3124,14 +2989,10 @@ class MAVLink_mission_item_reached_message(MAVLink_message):
     array_lengths = [0]
     crc_extra = 11
     unpacker = struct.Struct("<H")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, seq: int):
-        MAVLink_message.__init__(self, MAVLink_mission_item_reached_message.id, MAVLink_mission_item_reached_message.msgname)
-        self._fieldnames = MAVLink_mission_item_reached_message.fieldnames
-        self._instance_field = MAVLink_mission_item_reached_message.instance_field
-        self._instance_offset = MAVLink_mission_item_reached_message.instance_offset
         self.seq = seq
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
@@ -3149,8 +3010,8 @@ class MAVLink_mission_ack_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_ACK
-    msgname = "MISSION_ACK"
-    fieldnames = ["target_system", "target_component", "type", "mission_type"]
+    msgname = _type = "MISSION_ACK"
+    fieldnames = _fieldnames = ["target_system", "target_component", "type", "mission_type"]
     ordered_fieldnames = ["target_system", "target_component", "type", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3162,14 +3023,10 @@ class MAVLink_mission_ack_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0]
     crc_extra = 153
     unpacker = struct.Struct("<BBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, type: int, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_ack_message.id, MAVLink_mission_ack_message.msgname)
-        self._fieldnames = MAVLink_mission_ack_message.fieldnames
-        self._instance_field = MAVLink_mission_ack_message.instance_field
-        self._instance_offset = MAVLink_mission_ack_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.type = type
@@ -3190,8 +3047,8 @@ class MAVLink_set_gps_global_origin_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN
-    msgname = "SET_GPS_GLOBAL_ORIGIN"
-    fieldnames = ["target_system", "latitude", "longitude", "altitude", "time_usec"]
+    msgname = _type = "SET_GPS_GLOBAL_ORIGIN"
+    fieldnames = _fieldnames = ["target_system", "latitude", "longitude", "altitude", "time_usec"]
     ordered_fieldnames = ["latitude", "longitude", "altitude", "target_system", "time_usec"]
     fieldtypes = ["uint8_t", "int32_t", "int32_t", "int32_t", "uint64_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3203,14 +3060,10 @@ class MAVLink_set_gps_global_origin_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 41
     unpacker = struct.Struct("<iiiBQ")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, latitude: int, longitude: int, altitude: int, time_usec: int = 0):
-        MAVLink_message.__init__(self, MAVLink_set_gps_global_origin_message.id, MAVLink_set_gps_global_origin_message.msgname)
-        self._fieldnames = MAVLink_set_gps_global_origin_message.fieldnames
-        self._instance_field = MAVLink_set_gps_global_origin_message.instance_field
-        self._instance_offset = MAVLink_set_gps_global_origin_message.instance_offset
         self.target_system = target_system
         self.latitude = latitude
         self.longitude = longitude
@@ -3232,8 +3085,8 @@ class MAVLink_gps_global_origin_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
-    msgname = "GPS_GLOBAL_ORIGIN"
-    fieldnames = ["latitude", "longitude", "altitude", "time_usec"]
+    msgname = _type = "GPS_GLOBAL_ORIGIN"
+    fieldnames = _fieldnames = ["latitude", "longitude", "altitude", "time_usec"]
     ordered_fieldnames = ["latitude", "longitude", "altitude", "time_usec"]
     fieldtypes = ["int32_t", "int32_t", "int32_t", "uint64_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3245,14 +3098,10 @@ class MAVLink_gps_global_origin_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0]
     crc_extra = 39
     unpacker = struct.Struct("<iiiQ")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, latitude: int, longitude: int, altitude: int, time_usec: int = 0):
-        MAVLink_message.__init__(self, MAVLink_gps_global_origin_message.id, MAVLink_gps_global_origin_message.msgname)
-        self._fieldnames = MAVLink_gps_global_origin_message.fieldnames
-        self._instance_field = MAVLink_gps_global_origin_message.instance_field
-        self._instance_offset = MAVLink_gps_global_origin_message.instance_offset
         self.latitude = latitude
         self.longitude = longitude
         self.altitude = altitude
@@ -3273,8 +3122,8 @@ class MAVLink_mission_request_int_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_REQUEST_INT
-    msgname = "MISSION_REQUEST_INT"
-    fieldnames = ["target_system", "target_component", "seq", "mission_type"]
+    msgname = _type = "MISSION_REQUEST_INT"
+    fieldnames = _fieldnames = ["target_system", "target_component", "seq", "mission_type"]
     ordered_fieldnames = ["seq", "target_system", "target_component", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3286,14 +3135,10 @@ class MAVLink_mission_request_int_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0]
     crc_extra = 196
     unpacker = struct.Struct("<HBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, seq: int, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_request_int_message.id, MAVLink_mission_request_int_message.msgname)
-        self._fieldnames = MAVLink_mission_request_int_message.fieldnames
-        self._instance_field = MAVLink_mission_request_int_message.instance_field
-        self._instance_offset = MAVLink_mission_request_int_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.seq = seq
@@ -3314,8 +3159,8 @@ class MAVLink_nav_controller_output_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT
-    msgname = "NAV_CONTROLLER_OUTPUT"
-    fieldnames = ["nav_roll", "nav_pitch", "nav_bearing", "target_bearing", "wp_dist", "alt_error", "aspd_error", "xtrack_error"]
+    msgname = _type = "NAV_CONTROLLER_OUTPUT"
+    fieldnames = _fieldnames = ["nav_roll", "nav_pitch", "nav_bearing", "target_bearing", "wp_dist", "alt_error", "aspd_error", "xtrack_error"]
     ordered_fieldnames = ["nav_roll", "nav_pitch", "alt_error", "aspd_error", "xtrack_error", "nav_bearing", "target_bearing", "wp_dist"]
     fieldtypes = ["float", "float", "int16_t", "int16_t", "uint16_t", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3327,14 +3172,10 @@ class MAVLink_nav_controller_output_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 183
     unpacker = struct.Struct("<fffffhhH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, nav_roll: float, nav_pitch: float, nav_bearing: int, target_bearing: int, wp_dist: int, alt_error: float, aspd_error: float, xtrack_error: float):
-        MAVLink_message.__init__(self, MAVLink_nav_controller_output_message.id, MAVLink_nav_controller_output_message.msgname)
-        self._fieldnames = MAVLink_nav_controller_output_message.fieldnames
-        self._instance_field = MAVLink_nav_controller_output_message.instance_field
-        self._instance_offset = MAVLink_nav_controller_output_message.instance_offset
         self.nav_roll = nav_roll
         self.nav_pitch = nav_pitch
         self.nav_bearing = nav_bearing
@@ -3359,8 +3200,8 @@ class MAVLink_rc_channels_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_RC_CHANNELS
-    msgname = "RC_CHANNELS"
-    fieldnames = ["time_boot_ms", "chancount", "chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw", "rssi"]
+    msgname = _type = "RC_CHANNELS"
+    fieldnames = _fieldnames = ["time_boot_ms", "chancount", "chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw", "rssi"]
     ordered_fieldnames = ["time_boot_ms", "chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw", "chancount", "rssi"]
     fieldtypes = ["uint32_t", "uint8_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3372,14 +3213,10 @@ class MAVLink_rc_channels_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 118
     unpacker = struct.Struct("<IHHHHHHHHHHHHHHHHHHBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, chancount: int, chan1_raw: int, chan2_raw: int, chan3_raw: int, chan4_raw: int, chan5_raw: int, chan6_raw: int, chan7_raw: int, chan8_raw: int, chan9_raw: int, chan10_raw: int, chan11_raw: int, chan12_raw: int, chan13_raw: int, chan14_raw: int, chan15_raw: int, chan16_raw: int, chan17_raw: int, chan18_raw: int, rssi: int):
-        MAVLink_message.__init__(self, MAVLink_rc_channels_message.id, MAVLink_rc_channels_message.msgname)
-        self._fieldnames = MAVLink_rc_channels_message.fieldnames
-        self._instance_field = MAVLink_rc_channels_message.instance_field
-        self._instance_offset = MAVLink_rc_channels_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.chancount = chancount
         self.chan1_raw = chan1_raw
@@ -3417,8 +3254,8 @@ class MAVLink_request_data_stream_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_REQUEST_DATA_STREAM
-    msgname = "REQUEST_DATA_STREAM"
-    fieldnames = ["target_system", "target_component", "req_stream_id", "req_message_rate", "start_stop"]
+    msgname = _type = "REQUEST_DATA_STREAM"
+    fieldnames = _fieldnames = ["target_system", "target_component", "req_stream_id", "req_message_rate", "start_stop"]
     ordered_fieldnames = ["req_message_rate", "target_system", "target_component", "req_stream_id", "start_stop"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3430,14 +3267,10 @@ class MAVLink_request_data_stream_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 148
     unpacker = struct.Struct("<HBBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, req_stream_id: int, req_message_rate: int, start_stop: int):
-        MAVLink_message.__init__(self, MAVLink_request_data_stream_message.id, MAVLink_request_data_stream_message.msgname)
-        self._fieldnames = MAVLink_request_data_stream_message.fieldnames
-        self._instance_field = MAVLink_request_data_stream_message.instance_field
-        self._instance_offset = MAVLink_request_data_stream_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.req_stream_id = req_stream_id
@@ -3459,8 +3292,8 @@ class MAVLink_manual_control_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MANUAL_CONTROL
-    msgname = "MANUAL_CONTROL"
-    fieldnames = ["target", "x", "y", "z", "r", "buttons", "buttons2", "enabled_extensions", "s", "t", "aux1", "aux2", "aux3", "aux4", "aux5", "aux6"]
+    msgname = _type = "MANUAL_CONTROL"
+    fieldnames = _fieldnames = ["target", "x", "y", "z", "r", "buttons", "buttons2", "enabled_extensions", "s", "t", "aux1", "aux2", "aux3", "aux4", "aux5", "aux6"]
     ordered_fieldnames = ["x", "y", "z", "r", "buttons", "target", "buttons2", "enabled_extensions", "s", "t", "aux1", "aux2", "aux3", "aux4", "aux5", "aux6"]
     fieldtypes = ["uint8_t", "int16_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "uint8_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3472,14 +3305,10 @@ class MAVLink_manual_control_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 243
     unpacker = struct.Struct("<hhhhHBHBhhhhhhhh")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target: int, x: int, y: int, z: int, r: int, buttons: int, buttons2: int = 0, enabled_extensions: int = 0, s: int = 0, t: int = 0, aux1: int = 0, aux2: int = 0, aux3: int = 0, aux4: int = 0, aux5: int = 0, aux6: int = 0):
-        MAVLink_message.__init__(self, MAVLink_manual_control_message.id, MAVLink_manual_control_message.msgname)
-        self._fieldnames = MAVLink_manual_control_message.fieldnames
-        self._instance_field = MAVLink_manual_control_message.instance_field
-        self._instance_offset = MAVLink_manual_control_message.instance_offset
         self.target = target
         self.x = x
         self.y = y
@@ -3513,8 +3342,8 @@ class MAVLink_rc_channels_override_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
-    msgname = "RC_CHANNELS_OVERRIDE"
-    fieldnames = ["target_system", "target_component", "chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw"]
+    msgname = _type = "RC_CHANNELS_OVERRIDE"
+    fieldnames = _fieldnames = ["target_system", "target_component", "chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw"]
     ordered_fieldnames = ["chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "target_system", "target_component", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3526,14 +3355,10 @@ class MAVLink_rc_channels_override_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 124
     unpacker = struct.Struct("<HHHHHHHHBBHHHHHHHHHH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, chan1_raw: int, chan2_raw: int, chan3_raw: int, chan4_raw: int, chan5_raw: int, chan6_raw: int, chan7_raw: int, chan8_raw: int, chan9_raw: int = 0, chan10_raw: int = 0, chan11_raw: int = 0, chan12_raw: int = 0, chan13_raw: int = 0, chan14_raw: int = 0, chan15_raw: int = 0, chan16_raw: int = 0, chan17_raw: int = 0, chan18_raw: int = 0):
-        MAVLink_message.__init__(self, MAVLink_rc_channels_override_message.id, MAVLink_rc_channels_override_message.msgname)
-        self._fieldnames = MAVLink_rc_channels_override_message.fieldnames
-        self._instance_field = MAVLink_rc_channels_override_message.instance_field
-        self._instance_offset = MAVLink_rc_channels_override_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.chan1_raw = chan1_raw
@@ -3570,8 +3395,8 @@ class MAVLink_mission_item_int_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MISSION_ITEM_INT
-    msgname = "MISSION_ITEM_INT"
-    fieldnames = ["target_system", "target_component", "seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z", "mission_type"]
+    msgname = _type = "MISSION_ITEM_INT"
+    fieldnames = _fieldnames = ["target_system", "target_component", "seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z", "mission_type"]
     ordered_fieldnames = ["param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command", "target_system", "target_component", "frame", "current", "autocontinue", "mission_type"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t", "uint16_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "int32_t", "int32_t", "float", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3583,14 +3408,10 @@ class MAVLink_mission_item_int_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 38
     unpacker = struct.Struct("<ffffiifHHBBBBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float, mission_type: int = 0):
-        MAVLink_message.__init__(self, MAVLink_mission_item_int_message.id, MAVLink_mission_item_int_message.msgname)
-        self._fieldnames = MAVLink_mission_item_int_message.fieldnames
-        self._instance_field = MAVLink_mission_item_int_message.instance_field
-        self._instance_offset = MAVLink_mission_item_int_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.seq = seq
@@ -3622,8 +3443,8 @@ class MAVLink_vfr_hud_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_VFR_HUD
-    msgname = "VFR_HUD"
-    fieldnames = ["airspeed", "groundspeed", "heading", "throttle", "alt", "climb"]
+    msgname = _type = "VFR_HUD"
+    fieldnames = _fieldnames = ["airspeed", "groundspeed", "heading", "throttle", "alt", "climb"]
     ordered_fieldnames = ["airspeed", "groundspeed", "alt", "climb", "heading", "throttle"]
     fieldtypes = ["float", "float", "int16_t", "uint16_t", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3635,14 +3456,10 @@ class MAVLink_vfr_hud_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0]
     crc_extra = 20
     unpacker = struct.Struct("<ffffhH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, airspeed: float, groundspeed: float, heading: int, throttle: int, alt: float, climb: float):
-        MAVLink_message.__init__(self, MAVLink_vfr_hud_message.id, MAVLink_vfr_hud_message.msgname)
-        self._fieldnames = MAVLink_vfr_hud_message.fieldnames
-        self._instance_field = MAVLink_vfr_hud_message.instance_field
-        self._instance_offset = MAVLink_vfr_hud_message.instance_offset
         self.airspeed = airspeed
         self.groundspeed = groundspeed
         self.heading = heading
@@ -3665,8 +3482,8 @@ class MAVLink_command_int_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_COMMAND_INT
-    msgname = "COMMAND_INT"
-    fieldnames = ["target_system", "target_component", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z"]
+    msgname = _type = "COMMAND_INT"
+    fieldnames = _fieldnames = ["target_system", "target_component", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z"]
     ordered_fieldnames = ["param1", "param2", "param3", "param4", "x", "y", "z", "command", "target_system", "target_component", "frame", "current", "autocontinue"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint16_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "int32_t", "int32_t", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3678,14 +3495,10 @@ class MAVLink_command_int_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 158
     unpacker = struct.Struct("<ffffiifHBBBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float):
-        MAVLink_message.__init__(self, MAVLink_command_int_message.id, MAVLink_command_int_message.msgname)
-        self._fieldnames = MAVLink_command_int_message.fieldnames
-        self._instance_field = MAVLink_command_int_message.instance_field
-        self._instance_offset = MAVLink_command_int_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.frame = frame
@@ -3715,8 +3528,8 @@ class MAVLink_command_long_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_COMMAND_LONG
-    msgname = "COMMAND_LONG"
-    fieldnames = ["target_system", "target_component", "command", "confirmation", "param1", "param2", "param3", "param4", "param5", "param6", "param7"]
+    msgname = _type = "COMMAND_LONG"
+    fieldnames = _fieldnames = ["target_system", "target_component", "command", "confirmation", "param1", "param2", "param3", "param4", "param5", "param6", "param7"]
     ordered_fieldnames = ["param1", "param2", "param3", "param4", "param5", "param6", "param7", "command", "target_system", "target_component", "confirmation"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t", "float", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3728,14 +3541,10 @@ class MAVLink_command_long_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 152
     unpacker = struct.Struct("<fffffffHBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, command: int, confirmation: int, param1: float, param2: float, param3: float, param4: float, param5: float, param6: float, param7: float):
-        MAVLink_message.__init__(self, MAVLink_command_long_message.id, MAVLink_command_long_message.msgname)
-        self._fieldnames = MAVLink_command_long_message.fieldnames
-        self._instance_field = MAVLink_command_long_message.instance_field
-        self._instance_offset = MAVLink_command_long_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.command = command
@@ -3763,8 +3572,8 @@ class MAVLink_command_ack_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_COMMAND_ACK
-    msgname = "COMMAND_ACK"
-    fieldnames = ["command", "result", "progress", "result_param2", "target_system", "target_component"]
+    msgname = _type = "COMMAND_ACK"
+    fieldnames = _fieldnames = ["command", "result", "progress", "result_param2", "target_system", "target_component"]
     ordered_fieldnames = ["command", "result", "progress", "result_param2", "target_system", "target_component"]
     fieldtypes = ["uint16_t", "uint8_t", "uint8_t", "int32_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3776,14 +3585,10 @@ class MAVLink_command_ack_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0]
     crc_extra = 143
     unpacker = struct.Struct("<HBBiBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, command: int, result: int, progress: int = 0, result_param2: int = 0, target_system: int = 0, target_component: int = 0):
-        MAVLink_message.__init__(self, MAVLink_command_ack_message.id, MAVLink_command_ack_message.msgname)
-        self._fieldnames = MAVLink_command_ack_message.fieldnames
-        self._instance_field = MAVLink_command_ack_message.instance_field
-        self._instance_offset = MAVLink_command_ack_message.instance_offset
         self.command = command
         self.result = result
         self.progress = progress
@@ -3806,8 +3611,8 @@ class MAVLink_set_attitude_target_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SET_ATTITUDE_TARGET
-    msgname = "SET_ATTITUDE_TARGET"
-    fieldnames = ["time_boot_ms", "target_system", "target_component", "type_mask", "q", "body_roll_rate", "body_pitch_rate", "body_yaw_rate", "thrust"]
+    msgname = _type = "SET_ATTITUDE_TARGET"
+    fieldnames = _fieldnames = ["time_boot_ms", "target_system", "target_component", "type_mask", "q", "body_roll_rate", "body_pitch_rate", "body_yaw_rate", "thrust"]
     ordered_fieldnames = ["time_boot_ms", "q", "body_roll_rate", "body_pitch_rate", "body_yaw_rate", "thrust", "target_system", "target_component", "type_mask"]
     fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {"type_mask": "bitmask"}
@@ -3819,14 +3624,10 @@ class MAVLink_set_attitude_target_message(MAVLink_message):
     array_lengths = [0, 4, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 49
     unpacker = struct.Struct("<I4fffffBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, target_system: int, target_component: int, type_mask: int, q: Sequence[float], body_roll_rate: float, body_pitch_rate: float, body_yaw_rate: float, thrust: float):
-        MAVLink_message.__init__(self, MAVLink_set_attitude_target_message.id, MAVLink_set_attitude_target_message.msgname)
-        self._fieldnames = MAVLink_set_attitude_target_message.fieldnames
-        self._instance_field = MAVLink_set_attitude_target_message.instance_field
-        self._instance_offset = MAVLink_set_attitude_target_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.target_system = target_system
         self.target_component = target_component
@@ -3852,8 +3653,8 @@ class MAVLink_set_position_target_local_ned_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-    msgname = "SET_POSITION_TARGET_LOCAL_NED"
-    fieldnames = ["time_boot_ms", "target_system", "target_component", "coordinate_frame", "type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
+    msgname = _type = "SET_POSITION_TARGET_LOCAL_NED"
+    fieldnames = _fieldnames = ["time_boot_ms", "target_system", "target_component", "coordinate_frame", "type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
     ordered_fieldnames = ["time_boot_ms", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate", "type_mask", "target_system", "target_component", "coordinate_frame"]
     fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint16_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3865,14 +3666,10 @@ class MAVLink_set_position_target_local_ned_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 143
     unpacker = struct.Struct("<IfffffffffffHBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, x: float, y: float, z: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float):
-        MAVLink_message.__init__(self, MAVLink_set_position_target_local_ned_message.id, MAVLink_set_position_target_local_ned_message.msgname)
-        self._fieldnames = MAVLink_set_position_target_local_ned_message.fieldnames
-        self._instance_field = MAVLink_set_position_target_local_ned_message.instance_field
-        self._instance_offset = MAVLink_set_position_target_local_ned_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.target_system = target_system
         self.target_component = target_component
@@ -3905,8 +3702,8 @@ class MAVLink_position_target_local_ned_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
-    msgname = "POSITION_TARGET_LOCAL_NED"
-    fieldnames = ["time_boot_ms", "coordinate_frame", "type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
+    msgname = _type = "POSITION_TARGET_LOCAL_NED"
+    fieldnames = _fieldnames = ["time_boot_ms", "coordinate_frame", "type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
     ordered_fieldnames = ["time_boot_ms", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate", "type_mask", "coordinate_frame"]
     fieldtypes = ["uint32_t", "uint8_t", "uint16_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3918,14 +3715,10 @@ class MAVLink_position_target_local_ned_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 140
     unpacker = struct.Struct("<IfffffffffffHB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, coordinate_frame: int, type_mask: int, x: float, y: float, z: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float):
-        MAVLink_message.__init__(self, MAVLink_position_target_local_ned_message.id, MAVLink_position_target_local_ned_message.msgname)
-        self._fieldnames = MAVLink_position_target_local_ned_message.fieldnames
-        self._instance_field = MAVLink_position_target_local_ned_message.instance_field
-        self._instance_offset = MAVLink_position_target_local_ned_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.coordinate_frame = coordinate_frame
         self.type_mask = type_mask
@@ -3956,8 +3749,8 @@ class MAVLink_set_position_target_global_int_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
-    msgname = "SET_POSITION_TARGET_GLOBAL_INT"
-    fieldnames = ["time_boot_ms", "target_system", "target_component", "coordinate_frame", "type_mask", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
+    msgname = _type = "SET_POSITION_TARGET_GLOBAL_INT"
+    fieldnames = _fieldnames = ["time_boot_ms", "target_system", "target_component", "coordinate_frame", "type_mask", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
     ordered_fieldnames = ["time_boot_ms", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate", "type_mask", "target_system", "target_component", "coordinate_frame"]
     fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint16_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -3969,14 +3762,10 @@ class MAVLink_set_position_target_global_int_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 5
     unpacker = struct.Struct("<IiifffffffffHBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float):
-        MAVLink_message.__init__(self, MAVLink_set_position_target_global_int_message.id, MAVLink_set_position_target_global_int_message.msgname)
-        self._fieldnames = MAVLink_set_position_target_global_int_message.fieldnames
-        self._instance_field = MAVLink_set_position_target_global_int_message.instance_field
-        self._instance_offset = MAVLink_set_position_target_global_int_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.target_system = target_system
         self.target_component = target_component
@@ -4009,8 +3798,8 @@ class MAVLink_position_target_global_int_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT
-    msgname = "POSITION_TARGET_GLOBAL_INT"
-    fieldnames = ["time_boot_ms", "coordinate_frame", "type_mask", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
+    msgname = _type = "POSITION_TARGET_GLOBAL_INT"
+    fieldnames = _fieldnames = ["time_boot_ms", "coordinate_frame", "type_mask", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
     ordered_fieldnames = ["time_boot_ms", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate", "type_mask", "coordinate_frame"]
     fieldtypes = ["uint32_t", "uint8_t", "uint16_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4022,14 +3811,10 @@ class MAVLink_position_target_global_int_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 150
     unpacker = struct.Struct("<IiifffffffffHB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float):
-        MAVLink_message.__init__(self, MAVLink_position_target_global_int_message.id, MAVLink_position_target_global_int_message.msgname)
-        self._fieldnames = MAVLink_position_target_global_int_message.fieldnames
-        self._instance_field = MAVLink_position_target_global_int_message.instance_field
-        self._instance_offset = MAVLink_position_target_global_int_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.coordinate_frame = coordinate_frame
         self.type_mask = type_mask
@@ -4060,8 +3845,8 @@ class MAVLink_hil_actuator_controls_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
-    msgname = "HIL_ACTUATOR_CONTROLS"
-    fieldnames = ["time_usec", "controls", "mode", "flags"]
+    msgname = _type = "HIL_ACTUATOR_CONTROLS"
+    fieldnames = _fieldnames = ["time_usec", "controls", "mode", "flags"]
     ordered_fieldnames = ["time_usec", "flags", "controls", "mode"]
     fieldtypes = ["uint64_t", "float", "uint8_t", "uint64_t"]
     fielddisplays_by_name: Dict[str, str] = {"mode": "bitmask"}
@@ -4073,14 +3858,10 @@ class MAVLink_hil_actuator_controls_message(MAVLink_message):
     array_lengths = [0, 0, 16, 0]
     crc_extra = 47
     unpacker = struct.Struct("<QQ16fB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, controls: Sequence[float], mode: int, flags: int):
-        MAVLink_message.__init__(self, MAVLink_hil_actuator_controls_message.id, MAVLink_hil_actuator_controls_message.msgname)
-        self._fieldnames = MAVLink_hil_actuator_controls_message.fieldnames
-        self._instance_field = MAVLink_hil_actuator_controls_message.instance_field
-        self._instance_offset = MAVLink_hil_actuator_controls_message.instance_offset
         self.time_usec = time_usec
         self.controls = controls
         self.mode = mode
@@ -4101,8 +3882,8 @@ class MAVLink_hil_sensor_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_HIL_SENSOR
-    msgname = "HIL_SENSOR"
-    fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "abs_pressure", "diff_pressure", "pressure_alt", "temperature", "fields_updated", "id"]
+    msgname = _type = "HIL_SENSOR"
+    fieldnames = _fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "abs_pressure", "diff_pressure", "pressure_alt", "temperature", "fields_updated", "id"]
     ordered_fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "abs_pressure", "diff_pressure", "pressure_alt", "temperature", "fields_updated", "id"]
     fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4114,14 +3895,10 @@ class MAVLink_hil_sensor_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 108
     unpacker = struct.Struct("<QfffffffffffffIB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, xmag: float, ymag: float, zmag: float, abs_pressure: float, diff_pressure: float, pressure_alt: float, temperature: float, fields_updated: int, id: int = 0):
-        MAVLink_message.__init__(self, MAVLink_hil_sensor_message.id, MAVLink_hil_sensor_message.msgname)
-        self._fieldnames = MAVLink_hil_sensor_message.fieldnames
-        self._instance_field = MAVLink_hil_sensor_message.instance_field
-        self._instance_offset = MAVLink_hil_sensor_message.instance_offset
         self.time_usec = time_usec
         self.xacc = xacc
         self.yacc = yacc
@@ -4154,8 +3931,8 @@ class MAVLink_file_transfer_protocol_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
-    msgname = "FILE_TRANSFER_PROTOCOL"
-    fieldnames = ["target_network", "target_system", "target_component", "payload"]
+    msgname = _type = "FILE_TRANSFER_PROTOCOL"
+    fieldnames = _fieldnames = ["target_network", "target_system", "target_component", "payload"]
     ordered_fieldnames = ["target_network", "target_system", "target_component", "payload"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4167,14 +3944,10 @@ class MAVLink_file_transfer_protocol_message(MAVLink_message):
     array_lengths = [0, 0, 0, 251]
     crc_extra = 84
     unpacker = struct.Struct("<BBB251B")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_network: int, target_system: int, target_component: int, payload: Sequence[int]):
-        MAVLink_message.__init__(self, MAVLink_file_transfer_protocol_message.id, MAVLink_file_transfer_protocol_message.msgname)
-        self._fieldnames = MAVLink_file_transfer_protocol_message.fieldnames
-        self._instance_field = MAVLink_file_transfer_protocol_message.instance_field
-        self._instance_offset = MAVLink_file_transfer_protocol_message.instance_offset
         self.target_network = target_network
         self.target_system = target_system
         self.target_component = target_component
@@ -4195,8 +3968,8 @@ class MAVLink_timesync_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_TIMESYNC
-    msgname = "TIMESYNC"
-    fieldnames = ["tc1", "ts1"]
+    msgname = _type = "TIMESYNC"
+    fieldnames = _fieldnames = ["tc1", "ts1"]
     ordered_fieldnames = ["tc1", "ts1"]
     fieldtypes = ["int64_t", "int64_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4208,14 +3981,10 @@ class MAVLink_timesync_message(MAVLink_message):
     array_lengths = [0, 0]
     crc_extra = 34
     unpacker = struct.Struct("<qq")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, tc1: int, ts1: int):
-        MAVLink_message.__init__(self, MAVLink_timesync_message.id, MAVLink_timesync_message.msgname)
-        self._fieldnames = MAVLink_timesync_message.fieldnames
-        self._instance_field = MAVLink_timesync_message.instance_field
-        self._instance_offset = MAVLink_timesync_message.instance_offset
         self.tc1 = tc1
         self.ts1 = ts1
 
@@ -4234,8 +4003,8 @@ class MAVLink_hil_gps_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_HIL_GPS
-    msgname = "HIL_GPS"
-    fieldnames = ["time_usec", "fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "vn", "ve", "vd", "cog", "satellites_visible", "id", "yaw"]
+    msgname = _type = "HIL_GPS"
+    fieldnames = _fieldnames = ["time_usec", "fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "vn", "ve", "vd", "cog", "satellites_visible", "id", "yaw"]
     ordered_fieldnames = ["time_usec", "lat", "lon", "alt", "eph", "epv", "vel", "vn", "ve", "vd", "cog", "fix_type", "satellites_visible", "id", "yaw"]
     fieldtypes = ["uint64_t", "uint8_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint8_t", "uint8_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4247,14 +4016,10 @@ class MAVLink_hil_gps_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 124
     unpacker = struct.Struct("<QiiiHHHhhhHBBBH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, fix_type: int, lat: int, lon: int, alt: int, eph: int, epv: int, vel: int, vn: int, ve: int, vd: int, cog: int, satellites_visible: int, id: int = 0, yaw: int = 0):
-        MAVLink_message.__init__(self, MAVLink_hil_gps_message.id, MAVLink_hil_gps_message.msgname)
-        self._fieldnames = MAVLink_hil_gps_message.fieldnames
-        self._instance_field = MAVLink_hil_gps_message.instance_field
-        self._instance_offset = MAVLink_hil_gps_message.instance_offset
         self.time_usec = time_usec
         self.fix_type = fix_type
         self.lat = lat
@@ -4286,8 +4051,8 @@ class MAVLink_hil_state_quaternion_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_HIL_STATE_QUATERNION
-    msgname = "HIL_STATE_QUATERNION"
-    fieldnames = ["time_usec", "attitude_quaternion", "rollspeed", "pitchspeed", "yawspeed", "lat", "lon", "alt", "vx", "vy", "vz", "ind_airspeed", "true_airspeed", "xacc", "yacc", "zacc"]
+    msgname = _type = "HIL_STATE_QUATERNION"
+    fieldnames = _fieldnames = ["time_usec", "attitude_quaternion", "rollspeed", "pitchspeed", "yawspeed", "lat", "lon", "alt", "vx", "vy", "vz", "ind_airspeed", "true_airspeed", "xacc", "yacc", "zacc"]
     ordered_fieldnames = ["time_usec", "attitude_quaternion", "rollspeed", "pitchspeed", "yawspeed", "lat", "lon", "alt", "vx", "vy", "vz", "ind_airspeed", "true_airspeed", "xacc", "yacc", "zacc"]
     fieldtypes = ["uint64_t", "float", "float", "float", "float", "int32_t", "int32_t", "int32_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "int16_t", "int16_t", "int16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4299,14 +4064,10 @@ class MAVLink_hil_state_quaternion_message(MAVLink_message):
     array_lengths = [0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 4
     unpacker = struct.Struct("<Q4ffffiiihhhHHhhh")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, attitude_quaternion: Sequence[float], rollspeed: float, pitchspeed: float, yawspeed: float, lat: int, lon: int, alt: int, vx: int, vy: int, vz: int, ind_airspeed: int, true_airspeed: int, xacc: int, yacc: int, zacc: int):
-        MAVLink_message.__init__(self, MAVLink_hil_state_quaternion_message.id, MAVLink_hil_state_quaternion_message.msgname)
-        self._fieldnames = MAVLink_hil_state_quaternion_message.fieldnames
-        self._instance_field = MAVLink_hil_state_quaternion_message.instance_field
-        self._instance_offset = MAVLink_hil_state_quaternion_message.instance_offset
         self.time_usec = time_usec
         self.attitude_quaternion = attitude_quaternion
         self.rollspeed = rollspeed
@@ -4339,8 +4100,8 @@ class MAVLink_log_request_list_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_LOG_REQUEST_LIST
-    msgname = "LOG_REQUEST_LIST"
-    fieldnames = ["target_system", "target_component", "start", "end"]
+    msgname = _type = "LOG_REQUEST_LIST"
+    fieldnames = _fieldnames = ["target_system", "target_component", "start", "end"]
     ordered_fieldnames = ["start", "end", "target_system", "target_component"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4352,14 +4113,10 @@ class MAVLink_log_request_list_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0]
     crc_extra = 128
     unpacker = struct.Struct("<HHBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, start: int, end: int):
-        MAVLink_message.__init__(self, MAVLink_log_request_list_message.id, MAVLink_log_request_list_message.msgname)
-        self._fieldnames = MAVLink_log_request_list_message.fieldnames
-        self._instance_field = MAVLink_log_request_list_message.instance_field
-        self._instance_offset = MAVLink_log_request_list_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.start = start
@@ -4380,8 +4137,8 @@ class MAVLink_log_entry_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_LOG_ENTRY
-    msgname = "LOG_ENTRY"
-    fieldnames = ["id", "num_logs", "last_log_num", "time_utc", "size"]
+    msgname = _type = "LOG_ENTRY"
+    fieldnames = _fieldnames = ["id", "num_logs", "last_log_num", "time_utc", "size"]
     ordered_fieldnames = ["time_utc", "size", "id", "num_logs", "last_log_num"]
     fieldtypes = ["uint16_t", "uint16_t", "uint16_t", "uint32_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4393,14 +4150,10 @@ class MAVLink_log_entry_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 56
     unpacker = struct.Struct("<IIHHH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, id: int, num_logs: int, last_log_num: int, time_utc: int, size: int):
-        MAVLink_message.__init__(self, MAVLink_log_entry_message.id, MAVLink_log_entry_message.msgname)
-        self._fieldnames = MAVLink_log_entry_message.fieldnames
-        self._instance_field = MAVLink_log_entry_message.instance_field
-        self._instance_offset = MAVLink_log_entry_message.instance_offset
         self.id = id
         self.num_logs = num_logs
         self.last_log_num = last_log_num
@@ -4422,8 +4175,8 @@ class MAVLink_log_request_data_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_LOG_REQUEST_DATA
-    msgname = "LOG_REQUEST_DATA"
-    fieldnames = ["target_system", "target_component", "id", "ofs", "count"]
+    msgname = _type = "LOG_REQUEST_DATA"
+    fieldnames = _fieldnames = ["target_system", "target_component", "id", "ofs", "count"]
     ordered_fieldnames = ["ofs", "count", "id", "target_system", "target_component"]
     fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint32_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4435,14 +4188,10 @@ class MAVLink_log_request_data_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 116
     unpacker = struct.Struct("<IIHBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, id: int, ofs: int, count: int):
-        MAVLink_message.__init__(self, MAVLink_log_request_data_message.id, MAVLink_log_request_data_message.msgname)
-        self._fieldnames = MAVLink_log_request_data_message.fieldnames
-        self._instance_field = MAVLink_log_request_data_message.instance_field
-        self._instance_offset = MAVLink_log_request_data_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.id = id
@@ -4464,8 +4213,8 @@ class MAVLink_log_data_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_LOG_DATA
-    msgname = "LOG_DATA"
-    fieldnames = ["id", "ofs", "count", "data"]
+    msgname = _type = "LOG_DATA"
+    fieldnames = _fieldnames = ["id", "ofs", "count", "data"]
     ordered_fieldnames = ["ofs", "id", "count", "data"]
     fieldtypes = ["uint16_t", "uint32_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4477,14 +4226,10 @@ class MAVLink_log_data_message(MAVLink_message):
     array_lengths = [0, 0, 0, 90]
     crc_extra = 134
     unpacker = struct.Struct("<IHB90B")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, id: int, ofs: int, count: int, data: Sequence[int]):
-        MAVLink_message.__init__(self, MAVLink_log_data_message.id, MAVLink_log_data_message.msgname)
-        self._fieldnames = MAVLink_log_data_message.fieldnames
-        self._instance_field = MAVLink_log_data_message.instance_field
-        self._instance_offset = MAVLink_log_data_message.instance_offset
         self.id = id
         self.ofs = ofs
         self.count = count
@@ -4505,8 +4250,8 @@ class MAVLink_log_erase_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_LOG_ERASE
-    msgname = "LOG_ERASE"
-    fieldnames = ["target_system", "target_component"]
+    msgname = _type = "LOG_ERASE"
+    fieldnames = _fieldnames = ["target_system", "target_component"]
     ordered_fieldnames = ["target_system", "target_component"]
     fieldtypes = ["uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4518,14 +4263,10 @@ class MAVLink_log_erase_message(MAVLink_message):
     array_lengths = [0, 0]
     crc_extra = 237
     unpacker = struct.Struct("<BB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int):
-        MAVLink_message.__init__(self, MAVLink_log_erase_message.id, MAVLink_log_erase_message.msgname)
-        self._fieldnames = MAVLink_log_erase_message.fieldnames
-        self._instance_field = MAVLink_log_erase_message.instance_field
-        self._instance_offset = MAVLink_log_erase_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
 
@@ -4544,8 +4285,8 @@ class MAVLink_log_request_end_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_LOG_REQUEST_END
-    msgname = "LOG_REQUEST_END"
-    fieldnames = ["target_system", "target_component"]
+    msgname = _type = "LOG_REQUEST_END"
+    fieldnames = _fieldnames = ["target_system", "target_component"]
     ordered_fieldnames = ["target_system", "target_component"]
     fieldtypes = ["uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4557,14 +4298,10 @@ class MAVLink_log_request_end_message(MAVLink_message):
     array_lengths = [0, 0]
     crc_extra = 203
     unpacker = struct.Struct("<BB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int):
-        MAVLink_message.__init__(self, MAVLink_log_request_end_message.id, MAVLink_log_request_end_message.msgname)
-        self._fieldnames = MAVLink_log_request_end_message.fieldnames
-        self._instance_field = MAVLink_log_request_end_message.instance_field
-        self._instance_offset = MAVLink_log_request_end_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
 
@@ -4583,8 +4320,8 @@ class MAVLink_distance_sensor_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_DISTANCE_SENSOR
-    msgname = "DISTANCE_SENSOR"
-    fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
+    msgname = _type = "DISTANCE_SENSOR"
+    fieldnames = _fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
     ordered_fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
     fieldtypes = ["uint32_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "float", "float", "float", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4596,14 +4333,10 @@ class MAVLink_distance_sensor_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0]
     crc_extra = 85
     unpacker = struct.Struct("<IHHHBBBBff4fB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, min_distance: int, max_distance: int, current_distance: int, type: int, id: int, orientation: int, covariance: int, horizontal_fov: float = 0, vertical_fov: float = 0, quaternion: Sequence[float] = (0, 0, 0, 0), signal_quality: int = 0):
-        MAVLink_message.__init__(self, MAVLink_distance_sensor_message.id, MAVLink_distance_sensor_message.msgname)
-        self._fieldnames = MAVLink_distance_sensor_message.fieldnames
-        self._instance_field = MAVLink_distance_sensor_message.instance_field
-        self._instance_offset = MAVLink_distance_sensor_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self.min_distance = min_distance
         self.max_distance = max_distance
@@ -4632,8 +4365,8 @@ class MAVLink_battery_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_BATTERY_STATUS
-    msgname = "BATTERY_STATUS"
-    fieldnames = ["id", "battery_function", "type", "temperature", "voltages", "current_battery", "current_consumed", "energy_consumed", "battery_remaining", "time_remaining", "charge_state", "voltages_ext", "mode", "fault_bitmask"]
+    msgname = _type = "BATTERY_STATUS"
+    fieldnames = _fieldnames = ["id", "battery_function", "type", "temperature", "voltages", "current_battery", "current_consumed", "energy_consumed", "battery_remaining", "time_remaining", "charge_state", "voltages_ext", "mode", "fault_bitmask"]
     ordered_fieldnames = ["current_consumed", "energy_consumed", "temperature", "voltages", "current_battery", "id", "battery_function", "type", "battery_remaining", "time_remaining", "charge_state", "voltages_ext", "mode", "fault_bitmask"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "int16_t", "uint16_t", "int16_t", "int32_t", "int32_t", "int8_t", "int32_t", "uint8_t", "uint16_t", "uint8_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4645,14 +4378,10 @@ class MAVLink_battery_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 10, 0, 0, 0, 0, 0, 0, 0, 4, 0, 0]
     crc_extra = 154
     unpacker = struct.Struct("<iih10HhBBBbiB4HBI")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, id: int, battery_function: int, type: int, temperature: int, voltages: Sequence[int], current_battery: int, current_consumed: int, energy_consumed: int, battery_remaining: int, time_remaining: int = 0, charge_state: int = 0, voltages_ext: Sequence[int] = (0, 0, 0, 0), mode: int = 0, fault_bitmask: int = 0):
-        MAVLink_message.__init__(self, MAVLink_battery_status_message.id, MAVLink_battery_status_message.msgname)
-        self._fieldnames = MAVLink_battery_status_message.fieldnames
-        self._instance_field = MAVLink_battery_status_message.instance_field
-        self._instance_offset = MAVLink_battery_status_message.instance_offset
         self.id = id
         self.battery_function = battery_function
         self.type = type
@@ -4683,8 +4412,8 @@ class MAVLink_autopilot_version_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_AUTOPILOT_VERSION
-    msgname = "AUTOPILOT_VERSION"
-    fieldnames = ["capabilities", "flight_sw_version", "middleware_sw_version", "os_sw_version", "board_version", "flight_custom_version", "middleware_custom_version", "os_custom_version", "vendor_id", "product_id", "uid", "uid2"]
+    msgname = _type = "AUTOPILOT_VERSION"
+    fieldnames = _fieldnames = ["capabilities", "flight_sw_version", "middleware_sw_version", "os_sw_version", "board_version", "flight_custom_version", "middleware_custom_version", "os_custom_version", "vendor_id", "product_id", "uid", "uid2"]
     ordered_fieldnames = ["capabilities", "uid", "flight_sw_version", "middleware_sw_version", "os_sw_version", "board_version", "vendor_id", "product_id", "flight_custom_version", "middleware_custom_version", "os_custom_version", "uid2"]
     fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint16_t", "uint16_t", "uint64_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4696,14 +4425,10 @@ class MAVLink_autopilot_version_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 8, 8, 8, 18]
     crc_extra = 178
     unpacker = struct.Struct("<QQIIIIHH8B8B8B18B")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)):
-        MAVLink_message.__init__(self, MAVLink_autopilot_version_message.id, MAVLink_autopilot_version_message.msgname)
-        self._fieldnames = MAVLink_autopilot_version_message.fieldnames
-        self._instance_field = MAVLink_autopilot_version_message.instance_field
-        self._instance_offset = MAVLink_autopilot_version_message.instance_offset
         self.capabilities = capabilities
         self.flight_sw_version = flight_sw_version
         self.middleware_sw_version = middleware_sw_version
@@ -4732,8 +4457,8 @@ class MAVLink_fence_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_FENCE_STATUS
-    msgname = "FENCE_STATUS"
-    fieldnames = ["breach_status", "breach_count", "breach_type", "breach_time", "breach_mitigation"]
+    msgname = _type = "FENCE_STATUS"
+    fieldnames = _fieldnames = ["breach_status", "breach_count", "breach_type", "breach_time", "breach_mitigation"]
     ordered_fieldnames = ["breach_time", "breach_count", "breach_status", "breach_type", "breach_mitigation"]
     fieldtypes = ["uint8_t", "uint16_t", "uint8_t", "uint32_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4745,14 +4470,10 @@ class MAVLink_fence_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 189
     unpacker = struct.Struct("<IHBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, breach_status: int, breach_count: int, breach_type: int, breach_time: int, breach_mitigation: int = 0):
-        MAVLink_message.__init__(self, MAVLink_fence_status_message.id, MAVLink_fence_status_message.msgname)
-        self._fieldnames = MAVLink_fence_status_message.fieldnames
-        self._instance_field = MAVLink_fence_status_message.instance_field
-        self._instance_offset = MAVLink_fence_status_message.instance_offset
         self.breach_status = breach_status
         self.breach_count = breach_count
         self.breach_type = breach_type
@@ -4774,8 +4495,8 @@ class MAVLink_ekf_status_report_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_EKF_STATUS_REPORT
-    msgname = "EKF_STATUS_REPORT"
-    fieldnames = ["flags", "velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance", "terrain_alt_variance", "airspeed_variance"]
+    msgname = _type = "EKF_STATUS_REPORT"
+    fieldnames = _fieldnames = ["flags", "velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance", "terrain_alt_variance", "airspeed_variance"]
     ordered_fieldnames = ["velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance", "terrain_alt_variance", "flags", "airspeed_variance"]
     fieldtypes = ["uint16_t", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4787,14 +4508,10 @@ class MAVLink_ekf_status_report_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0]
     crc_extra = 71
     unpacker = struct.Struct("<fffffHf")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, flags: int, velocity_variance: float, pos_horiz_variance: float, pos_vert_variance: float, compass_variance: float, terrain_alt_variance: float, airspeed_variance: float = 0):
-        MAVLink_message.__init__(self, MAVLink_ekf_status_report_message.id, MAVLink_ekf_status_report_message.msgname)
-        self._fieldnames = MAVLink_ekf_status_report_message.fieldnames
-        self._instance_field = MAVLink_ekf_status_report_message.instance_field
-        self._instance_offset = MAVLink_ekf_status_report_message.instance_offset
         self.flags = flags
         self.velocity_variance = velocity_variance
         self.pos_horiz_variance = pos_horiz_variance
@@ -4818,8 +4535,8 @@ class MAVLink_estimator_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_ESTIMATOR_STATUS
-    msgname = "ESTIMATOR_STATUS"
-    fieldnames = ["time_usec", "flags", "vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio", "hagl_ratio", "tas_ratio", "pos_horiz_accuracy", "pos_vert_accuracy"]
+    msgname = _type = "ESTIMATOR_STATUS"
+    fieldnames = _fieldnames = ["time_usec", "flags", "vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio", "hagl_ratio", "tas_ratio", "pos_horiz_accuracy", "pos_vert_accuracy"]
     ordered_fieldnames = ["time_usec", "vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio", "hagl_ratio", "tas_ratio", "pos_horiz_accuracy", "pos_vert_accuracy", "flags"]
     fieldtypes = ["uint64_t", "uint16_t", "float", "float", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4831,14 +4548,10 @@ class MAVLink_estimator_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 163
     unpacker = struct.Struct("<QffffffffH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, flags: int, vel_ratio: float, pos_horiz_ratio: float, pos_vert_ratio: float, mag_ratio: float, hagl_ratio: float, tas_ratio: float, pos_horiz_accuracy: float, pos_vert_accuracy: float):
-        MAVLink_message.__init__(self, MAVLink_estimator_status_message.id, MAVLink_estimator_status_message.msgname)
-        self._fieldnames = MAVLink_estimator_status_message.fieldnames
-        self._instance_field = MAVLink_estimator_status_message.instance_field
-        self._instance_offset = MAVLink_estimator_status_message.instance_offset
         self.time_usec = time_usec
         self.flags = flags
         self.vel_ratio = vel_ratio
@@ -4865,8 +4578,8 @@ class MAVLink_gps_input_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_GPS_INPUT
-    msgname = "GPS_INPUT"
-    fieldnames = ["time_usec", "gps_id", "ignore_flags", "time_week_ms", "time_week", "fix_type", "lat", "lon", "alt", "hdop", "vdop", "vn", "ve", "vd", "speed_accuracy", "horiz_accuracy", "vert_accuracy", "satellites_visible", "yaw"]
+    msgname = _type = "GPS_INPUT"
+    fieldnames = _fieldnames = ["time_usec", "gps_id", "ignore_flags", "time_week_ms", "time_week", "fix_type", "lat", "lon", "alt", "hdop", "vdop", "vn", "ve", "vd", "speed_accuracy", "horiz_accuracy", "vert_accuracy", "satellites_visible", "yaw"]
     ordered_fieldnames = ["time_usec", "time_week_ms", "lat", "lon", "alt", "hdop", "vdop", "vn", "ve", "vd", "speed_accuracy", "horiz_accuracy", "vert_accuracy", "ignore_flags", "time_week", "gps_id", "fix_type", "satellites_visible", "yaw"]
     fieldtypes = ["uint64_t", "uint8_t", "uint16_t", "uint32_t", "uint16_t", "uint8_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint8_t", "uint16_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4878,14 +4591,10 @@ class MAVLink_gps_input_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 151
     unpacker = struct.Struct("<QIiifffffffffHHBBBH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, gps_id: int, ignore_flags: int, time_week_ms: int, time_week: int, fix_type: int, lat: int, lon: int, alt: float, hdop: float, vdop: float, vn: float, ve: float, vd: float, speed_accuracy: float, horiz_accuracy: float, vert_accuracy: float, satellites_visible: int, yaw: int = 0):
-        MAVLink_message.__init__(self, MAVLink_gps_input_message.id, MAVLink_gps_input_message.msgname)
-        self._fieldnames = MAVLink_gps_input_message.fieldnames
-        self._instance_field = MAVLink_gps_input_message.instance_field
-        self._instance_offset = MAVLink_gps_input_message.instance_offset
         self.time_usec = time_usec
         self.gps_id = gps_id
         self.ignore_flags = ignore_flags
@@ -4921,8 +4630,8 @@ class MAVLink_home_position_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_HOME_POSITION
-    msgname = "HOME_POSITION"
-    fieldnames = ["latitude", "longitude", "altitude", "x", "y", "z", "q", "approach_x", "approach_y", "approach_z", "time_usec"]
+    msgname = _type = "HOME_POSITION"
+    fieldnames = _fieldnames = ["latitude", "longitude", "altitude", "x", "y", "z", "q", "approach_x", "approach_y", "approach_z", "time_usec"]
     ordered_fieldnames = ["latitude", "longitude", "altitude", "x", "y", "z", "q", "approach_x", "approach_y", "approach_z", "time_usec"]
     fieldtypes = ["int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "uint64_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4934,14 +4643,10 @@ class MAVLink_home_position_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 4, 0, 0, 0, 0]
     crc_extra = 104
     unpacker = struct.Struct("<iiifff4ffffQ")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, latitude: int, longitude: int, altitude: int, x: float, y: float, z: float, q: Sequence[float], approach_x: float, approach_y: float, approach_z: float, time_usec: int = 0):
-        MAVLink_message.__init__(self, MAVLink_home_position_message.id, MAVLink_home_position_message.msgname)
-        self._fieldnames = MAVLink_home_position_message.fieldnames
-        self._instance_field = MAVLink_home_position_message.instance_field
-        self._instance_offset = MAVLink_home_position_message.instance_offset
         self.latitude = latitude
         self.longitude = longitude
         self.altitude = altitude
@@ -4969,8 +4674,8 @@ class MAVLink_message_interval_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_MESSAGE_INTERVAL
-    msgname = "MESSAGE_INTERVAL"
-    fieldnames = ["message_id", "interval_us"]
+    msgname = _type = "MESSAGE_INTERVAL"
+    fieldnames = _fieldnames = ["message_id", "interval_us"]
     ordered_fieldnames = ["interval_us", "message_id"]
     fieldtypes = ["uint16_t", "int32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -4982,14 +4687,10 @@ class MAVLink_message_interval_message(MAVLink_message):
     array_lengths = [0, 0]
     crc_extra = 95
     unpacker = struct.Struct("<iH")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, message_id: int, interval_us: int):
-        MAVLink_message.__init__(self, MAVLink_message_interval_message.id, MAVLink_message_interval_message.msgname)
-        self._fieldnames = MAVLink_message_interval_message.fieldnames
-        self._instance_field = MAVLink_message_interval_message.instance_field
-        self._instance_offset = MAVLink_message_interval_message.instance_offset
         self.message_id = message_id
         self.interval_us = interval_us
 
@@ -5008,8 +4709,8 @@ class MAVLink_extended_sys_state_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_EXTENDED_SYS_STATE
-    msgname = "EXTENDED_SYS_STATE"
-    fieldnames = ["vtol_state", "landed_state"]
+    msgname = _type = "EXTENDED_SYS_STATE"
+    fieldnames = _fieldnames = ["vtol_state", "landed_state"]
     ordered_fieldnames = ["vtol_state", "landed_state"]
     fieldtypes = ["uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5021,14 +4722,10 @@ class MAVLink_extended_sys_state_message(MAVLink_message):
     array_lengths = [0, 0]
     crc_extra = 130
     unpacker = struct.Struct("<BB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, vtol_state: int, landed_state: int):
-        MAVLink_message.__init__(self, MAVLink_extended_sys_state_message.id, MAVLink_extended_sys_state_message.msgname)
-        self._fieldnames = MAVLink_extended_sys_state_message.fieldnames
-        self._instance_field = MAVLink_extended_sys_state_message.instance_field
-        self._instance_offset = MAVLink_extended_sys_state_message.instance_offset
         self.vtol_state = vtol_state
         self.landed_state = landed_state
 
@@ -5047,8 +4744,8 @@ class MAVLink_named_value_float_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
-    msgname = "NAMED_VALUE_FLOAT"
-    fieldnames = ["time_boot_ms", "name", "value"]
+    msgname = _type = "NAMED_VALUE_FLOAT"
+    fieldnames = _fieldnames = ["time_boot_ms", "name", "value"]
     ordered_fieldnames = ["time_boot_ms", "value", "name"]
     fieldtypes = ["uint32_t", "char", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5060,14 +4757,10 @@ class MAVLink_named_value_float_message(MAVLink_message):
     array_lengths = [0, 0, 10]
     crc_extra = 170
     unpacker = struct.Struct("<If10s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_boot_ms: int, name: bytes, value: float):
-        MAVLink_message.__init__(self, MAVLink_named_value_float_message.id, MAVLink_named_value_float_message.msgname)
-        self._fieldnames = MAVLink_named_value_float_message.fieldnames
-        self._instance_field = MAVLink_named_value_float_message.instance_field
-        self._instance_offset = MAVLink_named_value_float_message.instance_offset
         self.time_boot_ms = time_boot_ms
         self._name_raw = name
         self.name = name.split(b"\x00", 1)[0].decode("ascii", errors="replace")
@@ -5088,8 +4781,8 @@ class MAVLink_statustext_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_STATUSTEXT
-    msgname = "STATUSTEXT"
-    fieldnames = ["severity", "text", "id", "chunk_seq"]
+    msgname = _type = "STATUSTEXT"
+    fieldnames = _fieldnames = ["severity", "text", "id", "chunk_seq"]
     ordered_fieldnames = ["severity", "text", "id", "chunk_seq"]
     fieldtypes = ["uint8_t", "char", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5101,14 +4794,10 @@ class MAVLink_statustext_message(MAVLink_message):
     array_lengths = [0, 50, 0, 0]
     crc_extra = 83
     unpacker = struct.Struct("<B50sHB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, severity: int, text: bytes, id: int = 0, chunk_seq: int = 0):
-        MAVLink_message.__init__(self, MAVLink_statustext_message.id, MAVLink_statustext_message.msgname)
-        self._fieldnames = MAVLink_statustext_message.fieldnames
-        self._instance_field = MAVLink_statustext_message.instance_field
-        self._instance_offset = MAVLink_statustext_message.instance_offset
         self.severity = severity
         self._text_raw = text
         self.text = text.split(b"\x00", 1)[0].decode("ascii", errors="replace")
@@ -5131,8 +4820,8 @@ class MAVLink_setup_signing_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_SETUP_SIGNING
-    msgname = "SETUP_SIGNING"
-    fieldnames = ["target_system", "target_component", "secret_key", "initial_timestamp"]
+    msgname = _type = "SETUP_SIGNING"
+    fieldnames = _fieldnames = ["target_system", "target_component", "secret_key", "initial_timestamp"]
     ordered_fieldnames = ["initial_timestamp", "target_system", "target_component", "secret_key"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint64_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5144,14 +4833,10 @@ class MAVLink_setup_signing_message(MAVLink_message):
     array_lengths = [0, 0, 0, 32]
     crc_extra = 71
     unpacker = struct.Struct("<QBB32B")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, secret_key: Sequence[int], initial_timestamp: int):
-        MAVLink_message.__init__(self, MAVLink_setup_signing_message.id, MAVLink_setup_signing_message.msgname)
-        self._fieldnames = MAVLink_setup_signing_message.fieldnames
-        self._instance_field = MAVLink_setup_signing_message.instance_field
-        self._instance_offset = MAVLink_setup_signing_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self.secret_key = secret_key
@@ -5172,8 +4857,8 @@ class MAVLink_obstacle_distance_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_OBSTACLE_DISTANCE
-    msgname = "OBSTACLE_DISTANCE"
-    fieldnames = ["time_usec", "sensor_type", "distances", "increment", "min_distance", "max_distance", "increment_f", "angle_offset", "frame"]
+    msgname = _type = "OBSTACLE_DISTANCE"
+    fieldnames = _fieldnames = ["time_usec", "sensor_type", "distances", "increment", "min_distance", "max_distance", "increment_f", "angle_offset", "frame"]
     ordered_fieldnames = ["time_usec", "distances", "min_distance", "max_distance", "sensor_type", "increment", "increment_f", "angle_offset", "frame"]
     fieldtypes = ["uint64_t", "uint8_t", "uint16_t", "uint8_t", "uint16_t", "uint16_t", "float", "float", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5185,14 +4870,10 @@ class MAVLink_obstacle_distance_message(MAVLink_message):
     array_lengths = [0, 72, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 23
     unpacker = struct.Struct("<Q72HHHBBffB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, sensor_type: int, distances: Sequence[int], increment: int, min_distance: int, max_distance: int, increment_f: float = 0, angle_offset: float = 0, frame: int = 0):
-        MAVLink_message.__init__(self, MAVLink_obstacle_distance_message.id, MAVLink_obstacle_distance_message.msgname)
-        self._fieldnames = MAVLink_obstacle_distance_message.fieldnames
-        self._instance_field = MAVLink_obstacle_distance_message.instance_field
-        self._instance_offset = MAVLink_obstacle_distance_message.instance_offset
         self.time_usec = time_usec
         self.sensor_type = sensor_type
         self.distances = distances
@@ -5218,8 +4899,8 @@ class MAVLink_odometry_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_ODOMETRY
-    msgname = "ODOMETRY"
-    fieldnames = ["time_usec", "frame_id", "child_frame_id", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed", "pose_covariance", "velocity_covariance", "reset_counter", "estimator_type", "quality"]
+    msgname = _type = "ODOMETRY"
+    fieldnames = _fieldnames = ["time_usec", "frame_id", "child_frame_id", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed", "pose_covariance", "velocity_covariance", "reset_counter", "estimator_type", "quality"]
     ordered_fieldnames = ["time_usec", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed", "pose_covariance", "velocity_covariance", "frame_id", "child_frame_id", "reset_counter", "estimator_type", "quality"]
     fieldtypes = ["uint64_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint8_t", "uint8_t", "int8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5231,14 +4912,10 @@ class MAVLink_odometry_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 4, 0, 0, 0, 0, 0, 0, 21, 21, 0, 0, 0, 0, 0]
     crc_extra = 91
     unpacker = struct.Struct("<Qfff4fffffff21f21fBBBBb")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, frame_id: int, child_frame_id: int, x: float, y: float, z: float, q: Sequence[float], vx: float, vy: float, vz: float, rollspeed: float, pitchspeed: float, yawspeed: float, pose_covariance: Sequence[float], velocity_covariance: Sequence[float], reset_counter: int = 0, estimator_type: int = 0, quality: int = 0):
-        MAVLink_message.__init__(self, MAVLink_odometry_message.id, MAVLink_odometry_message.msgname)
-        self._fieldnames = MAVLink_odometry_message.fieldnames
-        self._instance_field = MAVLink_odometry_message.instance_field
-        self._instance_offset = MAVLink_odometry_message.instance_offset
         self.time_usec = time_usec
         self.frame_id = frame_id
         self.child_frame_id = child_frame_id
@@ -5273,8 +4950,8 @@ class MAVLink_available_modes_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_AVAILABLE_MODES
-    msgname = "AVAILABLE_MODES"
-    fieldnames = ["number_modes", "mode_index", "standard_mode", "custom_mode", "properties", "mode_name"]
+    msgname = _type = "AVAILABLE_MODES"
+    fieldnames = _fieldnames = ["number_modes", "mode_index", "standard_mode", "custom_mode", "properties", "mode_name"]
     ordered_fieldnames = ["custom_mode", "properties", "number_modes", "mode_index", "standard_mode", "mode_name"]
     fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint32_t", "uint32_t", "char"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5286,14 +4963,10 @@ class MAVLink_available_modes_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 35]
     crc_extra = 134
     unpacker = struct.Struct("<IIBBB35s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, number_modes: int, mode_index: int, standard_mode: int, custom_mode: int, properties: int, mode_name: bytes):
-        MAVLink_message.__init__(self, MAVLink_available_modes_message.id, MAVLink_available_modes_message.msgname)
-        self._fieldnames = MAVLink_available_modes_message.fieldnames
-        self._instance_field = MAVLink_available_modes_message.instance_field
-        self._instance_offset = MAVLink_available_modes_message.instance_offset
         self.number_modes = number_modes
         self.mode_index = mode_index
         self.standard_mode = standard_mode
@@ -5317,8 +4990,8 @@ class MAVLink_param_error_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_PARAM_ERROR
-    msgname = "PARAM_ERROR"
-    fieldnames = ["target_system", "target_component", "param_id", "param_index", "error"]
+    msgname = _type = "PARAM_ERROR"
+    fieldnames = _fieldnames = ["target_system", "target_component", "param_id", "param_index", "error"]
     ordered_fieldnames = ["param_index", "target_system", "target_component", "param_id", "error"]
     fieldtypes = ["uint8_t", "uint8_t", "char", "int16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5330,14 +5003,10 @@ class MAVLink_param_error_message(MAVLink_message):
     array_lengths = [0, 0, 0, 16, 0]
     crc_extra = 209
     unpacker = struct.Struct("<hBB16sB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, target_system: int, target_component: int, param_id: bytes, param_index: int, error: int):
-        MAVLink_message.__init__(self, MAVLink_param_error_message.id, MAVLink_param_error_message.msgname)
-        self._fieldnames = MAVLink_param_error_message.fieldnames
-        self._instance_field = MAVLink_param_error_message.instance_field
-        self._instance_offset = MAVLink_param_error_message.instance_offset
         self.target_system = target_system
         self.target_component = target_component
         self._param_id_raw = param_id
@@ -5360,8 +5029,8 @@ class MAVLink_xitl_run_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_RUN
-    msgname = "XITL_RUN"
-    fieldnames = ["time_usec", "run_id", "command", "clock_mode", "protocol", "token"]
+    msgname = _type = "XITL_RUN"
+    fieldnames = _fieldnames = ["time_usec", "run_id", "command", "clock_mode", "protocol", "token"]
     ordered_fieldnames = ["time_usec", "run_id", "command", "clock_mode", "protocol", "token"]
     fieldtypes = ["uint64_t", "char", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5373,14 +5042,10 @@ class MAVLink_xitl_run_message(MAVLink_message):
     array_lengths = [0, 32, 0, 0, 0, 0]
     crc_extra = 72
     unpacker = struct.Struct("<Q32sBBBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, run_id: bytes, command: int, clock_mode: int, protocol: int, token: int = 0):
-        MAVLink_message.__init__(self, MAVLink_xitl_run_message.id, MAVLink_xitl_run_message.msgname)
-        self._fieldnames = MAVLink_xitl_run_message.fieldnames
-        self._instance_field = MAVLink_xitl_run_message.instance_field
-        self._instance_offset = MAVLink_xitl_run_message.instance_offset
         self.time_usec = time_usec
         self._run_id_raw = run_id
         self.run_id = run_id.split(b"\x00", 1)[0].decode("ascii", errors="replace")
@@ -5407,8 +5072,8 @@ class MAVLink_xitl_tick_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_TICK
-    msgname = "XITL_TICK"
-    fieldnames = ["time_usec", "tick"]
+    msgname = _type = "XITL_TICK"
+    fieldnames = _fieldnames = ["time_usec", "tick"]
     ordered_fieldnames = ["time_usec", "tick"]
     fieldtypes = ["uint64_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5420,14 +5085,10 @@ class MAVLink_xitl_tick_message(MAVLink_message):
     array_lengths = [0, 0]
     crc_extra = 226
     unpacker = struct.Struct("<QI")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, tick: int):
-        MAVLink_message.__init__(self, MAVLink_xitl_tick_message.id, MAVLink_xitl_tick_message.msgname)
-        self._fieldnames = MAVLink_xitl_tick_message.fieldnames
-        self._instance_field = MAVLink_xitl_tick_message.instance_field
-        self._instance_offset = MAVLink_xitl_tick_message.instance_offset
         self.time_usec = time_usec
         self.tick = tick
 
@@ -5446,8 +5107,8 @@ class MAVLink_xitl_imu_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_IMU
-    msgname = "XITL_IMU"
-    fieldnames = ["time_usec", "gyro", "accel", "temperature"]
+    msgname = _type = "XITL_IMU"
+    fieldnames = _fieldnames = ["time_usec", "gyro", "accel", "temperature"]
     ordered_fieldnames = ["time_usec", "gyro", "accel", "temperature"]
     fieldtypes = ["uint64_t", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5459,14 +5120,10 @@ class MAVLink_xitl_imu_message(MAVLink_message):
     array_lengths = [0, 3, 3, 0]
     crc_extra = 192
     unpacker = struct.Struct("<Q3f3ff")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, gyro: Sequence[float], accel: Sequence[float], temperature: float):
-        MAVLink_message.__init__(self, MAVLink_xitl_imu_message.id, MAVLink_xitl_imu_message.msgname)
-        self._fieldnames = MAVLink_xitl_imu_message.fieldnames
-        self._instance_field = MAVLink_xitl_imu_message.instance_field
-        self._instance_offset = MAVLink_xitl_imu_message.instance_offset
         self.time_usec = time_usec
         self.gyro = gyro
         self.accel = accel
@@ -5487,8 +5144,8 @@ class MAVLink_xitl_gnss_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_GNSS
-    msgname = "XITL_GNSS"
-    fieldnames = ["time_usec", "lat", "lon", "alt", "velocity", "h_acc", "v_acc", "s_acc", "fix_type", "satellites"]
+    msgname = _type = "XITL_GNSS"
+    fieldnames = _fieldnames = ["time_usec", "lat", "lon", "alt", "velocity", "h_acc", "v_acc", "s_acc", "fix_type", "satellites"]
     ordered_fieldnames = ["time_usec", "lat", "lon", "alt", "velocity", "h_acc", "v_acc", "s_acc", "fix_type", "satellites"]
     fieldtypes = ["uint64_t", "int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5500,14 +5157,10 @@ class MAVLink_xitl_gnss_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 3, 0, 0, 0, 0, 0]
     crc_extra = 76
     unpacker = struct.Struct("<Qiii3ffffBB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, lat: int, lon: int, alt: int, velocity: Sequence[float], h_acc: float, v_acc: float, s_acc: float, fix_type: int, satellites: int):
-        MAVLink_message.__init__(self, MAVLink_xitl_gnss_message.id, MAVLink_xitl_gnss_message.msgname)
-        self._fieldnames = MAVLink_xitl_gnss_message.fieldnames
-        self._instance_field = MAVLink_xitl_gnss_message.instance_field
-        self._instance_offset = MAVLink_xitl_gnss_message.instance_offset
         self.time_usec = time_usec
         self.lat = lat
         self.lon = lon
@@ -5534,8 +5187,8 @@ class MAVLink_xitl_magnetometer_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_MAGNETOMETER
-    msgname = "XITL_MAGNETOMETER"
-    fieldnames = ["time_usec", "field"]
+    msgname = _type = "XITL_MAGNETOMETER"
+    fieldnames = _fieldnames = ["time_usec", "field"]
     ordered_fieldnames = ["time_usec", "field"]
     fieldtypes = ["uint64_t", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5547,14 +5200,10 @@ class MAVLink_xitl_magnetometer_message(MAVLink_message):
     array_lengths = [0, 3]
     crc_extra = 129
     unpacker = struct.Struct("<Q3f")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, field: Sequence[float]):
-        MAVLink_message.__init__(self, MAVLink_xitl_magnetometer_message.id, MAVLink_xitl_magnetometer_message.msgname)
-        self._fieldnames = MAVLink_xitl_magnetometer_message.fieldnames
-        self._instance_field = MAVLink_xitl_magnetometer_message.instance_field
-        self._instance_offset = MAVLink_xitl_magnetometer_message.instance_offset
         self.time_usec = time_usec
         self.field = field
 
@@ -5573,8 +5222,8 @@ class MAVLink_xitl_barometer_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_BAROMETER
-    msgname = "XITL_BAROMETER"
-    fieldnames = ["time_usec", "pressure", "temperature"]
+    msgname = _type = "XITL_BAROMETER"
+    fieldnames = _fieldnames = ["time_usec", "pressure", "temperature"]
     ordered_fieldnames = ["time_usec", "pressure", "temperature"]
     fieldtypes = ["uint64_t", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5586,14 +5235,10 @@ class MAVLink_xitl_barometer_message(MAVLink_message):
     array_lengths = [0, 0, 0]
     crc_extra = 91
     unpacker = struct.Struct("<Qff")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, pressure: float, temperature: float):
-        MAVLink_message.__init__(self, MAVLink_xitl_barometer_message.id, MAVLink_xitl_barometer_message.msgname)
-        self._fieldnames = MAVLink_xitl_barometer_message.fieldnames
-        self._instance_field = MAVLink_xitl_barometer_message.instance_field
-        self._instance_offset = MAVLink_xitl_barometer_message.instance_offset
         self.time_usec = time_usec
         self.pressure = pressure
         self.temperature = temperature
@@ -5613,8 +5258,8 @@ class MAVLink_xitl_actuators_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_ACTUATORS
-    msgname = "XITL_ACTUATORS"
-    fieldnames = ["time_usec", "imu_time_usec", "imu_receive_usec", "tick", "command", "count", "flags", "more"]
+    msgname = _type = "XITL_ACTUATORS"
+    fieldnames = _fieldnames = ["time_usec", "imu_time_usec", "imu_receive_usec", "tick", "command", "count", "flags", "more"]
     ordered_fieldnames = ["time_usec", "imu_time_usec", "imu_receive_usec", "tick", "command", "count", "flags", "more"]
     fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "uint32_t", "float", "uint8_t", "uint8_t", "float"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
@@ -5626,14 +5271,10 @@ class MAVLink_xitl_actuators_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 8, 0, 0, 8]
     crc_extra = 120
     unpacker = struct.Struct("<QQQI8fBB8f")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, imu_time_usec: int, imu_receive_usec: int, tick: int, command: Sequence[float], count: int, flags: int, more: Sequence[float] = (0, 0, 0, 0, 0, 0, 0, 0)):
-        MAVLink_message.__init__(self, MAVLink_xitl_actuators_message.id, MAVLink_xitl_actuators_message.msgname)
-        self._fieldnames = MAVLink_xitl_actuators_message.fieldnames
-        self._instance_field = MAVLink_xitl_actuators_message.instance_field
-        self._instance_offset = MAVLink_xitl_actuators_message.instance_offset
         self.time_usec = time_usec
         self.imu_time_usec = imu_time_usec
         self.imu_receive_usec = imu_receive_usec
@@ -5659,8 +5300,8 @@ class MAVLink_xitl_timesync_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_TIMESYNC
-    msgname = "XITL_TIMESYNC"
-    fieldnames = ["t1_ns", "t2_ns", "t3_ns", "sequence", "frames_sent"]
+    msgname = _type = "XITL_TIMESYNC"
+    fieldnames = _fieldnames = ["t1_ns", "t2_ns", "t3_ns", "sequence", "frames_sent"]
     ordered_fieldnames = ["t1_ns", "t2_ns", "t3_ns", "sequence", "frames_sent"]
     fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "uint32_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5672,14 +5313,10 @@ class MAVLink_xitl_timesync_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0]
     crc_extra = 15
     unpacker = struct.Struct("<QQQII")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, t1_ns: int, t2_ns: int, t3_ns: int, sequence: int, frames_sent: int = 0):
-        MAVLink_message.__init__(self, MAVLink_xitl_timesync_message.id, MAVLink_xitl_timesync_message.msgname)
-        self._fieldnames = MAVLink_xitl_timesync_message.fieldnames
-        self._instance_field = MAVLink_xitl_timesync_message.instance_field
-        self._instance_offset = MAVLink_xitl_timesync_message.instance_offset
         self.t1_ns = t1_ns
         self.t2_ns = t2_ns
         self.t3_ns = t3_ns
@@ -5703,8 +5340,8 @@ class MAVLink_xitl_task_stats_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_TASK_STATS
-    msgname = "XITL_TASK_STATS"
-    fieldnames = ["time_usec", "worst_run_time_usec", "worst_start_time_usec", "rate_hz", "cycles", "missed", "skipped", "start_jitter_max_usec", "start_jitter_mean_usec", "run_max_usec", "run_mean_usec", "start_jitter_histogram", "run_histogram", "task"]
+    msgname = _type = "XITL_TASK_STATS"
+    fieldnames = _fieldnames = ["time_usec", "worst_run_time_usec", "worst_start_time_usec", "rate_hz", "cycles", "missed", "skipped", "start_jitter_max_usec", "start_jitter_mean_usec", "run_max_usec", "run_mean_usec", "start_jitter_histogram", "run_histogram", "task"]
     ordered_fieldnames = ["time_usec", "worst_run_time_usec", "worst_start_time_usec", "rate_hz", "cycles", "missed", "skipped", "start_jitter_max_usec", "start_jitter_mean_usec", "run_max_usec", "run_mean_usec", "start_jitter_histogram", "run_histogram", "task"]
     fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "float", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "uint32_t", "float", "uint32_t", "uint32_t", "char"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5716,14 +5353,10 @@ class MAVLink_xitl_task_stats_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 16, 16, 16]
     crc_extra = 147
     unpacker = struct.Struct("<QQQfIIIIfIf16I16I16s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, worst_run_time_usec: int, worst_start_time_usec: int, rate_hz: float, cycles: int, missed: int, skipped: int, start_jitter_max_usec: int, start_jitter_mean_usec: float, run_max_usec: int, run_mean_usec: float, start_jitter_histogram: Sequence[int], run_histogram: Sequence[int], task: bytes):
-        MAVLink_message.__init__(self, MAVLink_xitl_task_stats_message.id, MAVLink_xitl_task_stats_message.msgname)
-        self._fieldnames = MAVLink_xitl_task_stats_message.fieldnames
-        self._instance_field = MAVLink_xitl_task_stats_message.instance_field
-        self._instance_offset = MAVLink_xitl_task_stats_message.instance_offset
         self.time_usec = time_usec
         self.worst_run_time_usec = worst_run_time_usec
         self.worst_start_time_usec = worst_start_time_usec
@@ -5757,8 +5390,8 @@ class MAVLink_xitl_node_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_NODE_STATUS
-    msgname = "XITL_NODE_STATUS"
-    fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "stations_missed", "events_lost", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol", "controller_failures"]
+    msgname = _type = "XITL_NODE_STATUS"
+    fieldnames = _fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "stations_missed", "events_lost", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol", "controller_failures"]
     ordered_fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "stations_missed", "events_lost", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol", "controller_failures"]
     fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "float", "int16_t", "uint8_t", "uint8_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5770,14 +5403,10 @@ class MAVLink_xitl_node_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 144
     unpacker = struct.Struct("<QIIIIIIIIIIIIIIIIIffhBBI")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, frames_sent: int, frames_unsent: int, frames_received: int, frames_lost: int, frames_late: int, frames_repeated: int, frames_dropped: int, frames_refused: int, frames_impaired: int, messages_refused: int, misses_unreported: int, log_dropped: int, stations_missed: int, events_lost: int, estimates: int, efforts: int, memory_kib: int, cpu_percent: float, load_1min: float, temperature: int, running: int, protocol: int, controller_failures: int = 0):
-        MAVLink_message.__init__(self, MAVLink_xitl_node_status_message.id, MAVLink_xitl_node_status_message.msgname)
-        self._fieldnames = MAVLink_xitl_node_status_message.fieldnames
-        self._instance_field = MAVLink_xitl_node_status_message.instance_field
-        self._instance_offset = MAVLink_xitl_node_status_message.instance_offset
         self.time_usec = time_usec
         self.frames_sent = frames_sent
         self.frames_unsent = frames_unsent
@@ -5818,8 +5447,8 @@ class MAVLink_xitl_task_miss_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_TASK_MISS
-    msgname = "XITL_TASK_MISS"
-    fieldnames = ["due_usec", "start_usec", "end_usec", "cycle", "skipped", "task"]
+    msgname = _type = "XITL_TASK_MISS"
+    fieldnames = _fieldnames = ["due_usec", "start_usec", "end_usec", "cycle", "skipped", "task"]
     ordered_fieldnames = ["due_usec", "start_usec", "end_usec", "cycle", "skipped", "task"]
     fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "uint32_t", "uint32_t", "char"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5831,14 +5460,10 @@ class MAVLink_xitl_task_miss_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 16]
     crc_extra = 219
     unpacker = struct.Struct("<QQQII16s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, due_usec: int, start_usec: int, end_usec: int, cycle: int, skipped: int, task: bytes):
-        MAVLink_message.__init__(self, MAVLink_xitl_task_miss_message.id, MAVLink_xitl_task_miss_message.msgname)
-        self._fieldnames = MAVLink_xitl_task_miss_message.fieldnames
-        self._instance_field = MAVLink_xitl_task_miss_message.instance_field
-        self._instance_offset = MAVLink_xitl_task_miss_message.instance_offset
         self.due_usec = due_usec
         self.start_usec = start_usec
         self.end_usec = end_usec
@@ -5862,8 +5487,8 @@ class MAVLink_xitl_node_info_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_NODE_INFO
-    msgname = "XITL_NODE_INFO"
-    fieldnames = ["time_usec", "memory_total_mib", "processors", "flags", "kind", "priority", "protocol", "nodes", "version", "python", "machine", "kernel"]
+    msgname = _type = "XITL_NODE_INFO"
+    fieldnames = _fieldnames = ["time_usec", "memory_total_mib", "processors", "flags", "kind", "priority", "protocol", "nodes", "version", "python", "machine", "kernel"]
     ordered_fieldnames = ["time_usec", "memory_total_mib", "processors", "flags", "kind", "priority", "protocol", "nodes", "version", "python", "machine", "kernel"]
     fieldtypes = ["uint64_t", "uint32_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "char", "char", "char", "char", "char"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
@@ -5875,14 +5500,10 @@ class MAVLink_xitl_node_info_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 16, 16, 16, 48, 64]
     crc_extra = 32
     unpacker = struct.Struct("<QIHHBBB16s16s16s48s64s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, memory_total_mib: int, processors: int, flags: int, kind: int, priority: int, protocol: int, nodes: bytes, version: bytes, python: bytes, machine: bytes, kernel: bytes):
-        MAVLink_message.__init__(self, MAVLink_xitl_node_info_message.id, MAVLink_xitl_node_info_message.msgname)
-        self._fieldnames = MAVLink_xitl_node_info_message.fieldnames
-        self._instance_field = MAVLink_xitl_node_info_message.instance_field
-        self._instance_offset = MAVLink_xitl_node_info_message.instance_offset
         self.time_usec = time_usec
         self.memory_total_mib = memory_total_mib
         self.processors = processors
@@ -5918,8 +5539,8 @@ class MAVLink_xitl_faults_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_FAULTS
-    msgname = "XITL_FAULTS"
-    fieldnames = ["time_usec", "clock_offset_ns", "clock_skew_ppm", "seed", "delay_usec", "jitter_usec", "loss", "duplicate", "reorder", "cpu_load", "cut"]
+    msgname = _type = "XITL_FAULTS"
+    fieldnames = _fieldnames = ["time_usec", "clock_offset_ns", "clock_skew_ppm", "seed", "delay_usec", "jitter_usec", "loss", "duplicate", "reorder", "cpu_load", "cut"]
     ordered_fieldnames = ["time_usec", "clock_offset_ns", "clock_skew_ppm", "seed", "delay_usec", "jitter_usec", "loss", "duplicate", "reorder", "cpu_load", "cut"]
     fieldtypes = ["uint64_t", "int64_t", "float", "uint32_t", "uint32_t", "uint32_t", "float", "float", "float", "float", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5931,14 +5552,10 @@ class MAVLink_xitl_faults_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 54
     unpacker = struct.Struct("<QqfIIIffffB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, clock_offset_ns: int, clock_skew_ppm: float, seed: int, delay_usec: int, jitter_usec: int, loss: float, duplicate: float, reorder: float, cpu_load: float, cut: int):
-        MAVLink_message.__init__(self, MAVLink_xitl_faults_message.id, MAVLink_xitl_faults_message.msgname)
-        self._fieldnames = MAVLink_xitl_faults_message.fieldnames
-        self._instance_field = MAVLink_xitl_faults_message.instance_field
-        self._instance_offset = MAVLink_xitl_faults_message.instance_offset
         self.time_usec = time_usec
         self.clock_offset_ns = clock_offset_ns
         self.clock_skew_ppm = clock_skew_ppm
@@ -5967,8 +5584,8 @@ class MAVLink_xitl_truth_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_TRUTH
-    msgname = "XITL_TRUTH"
-    fieldnames = ["time_usec", "pos_ned", "vel_ned", "quat", "gyro", "wind_speed", "wind_direction"]
+    msgname = _type = "XITL_TRUTH"
+    fieldnames = _fieldnames = ["time_usec", "pos_ned", "vel_ned", "quat", "gyro", "wind_speed", "wind_direction"]
     ordered_fieldnames = ["time_usec", "pos_ned", "vel_ned", "quat", "gyro", "wind_speed", "wind_direction"]
     fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -5980,14 +5597,10 @@ class MAVLink_xitl_truth_message(MAVLink_message):
     array_lengths = [0, 3, 3, 4, 3, 0, 0]
     crc_extra = 35
     unpacker = struct.Struct("<Q3f3f4f3fff")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, pos_ned: Sequence[float], vel_ned: Sequence[float], quat: Sequence[float], gyro: Sequence[float], wind_speed: float, wind_direction: float):
-        MAVLink_message.__init__(self, MAVLink_xitl_truth_message.id, MAVLink_xitl_truth_message.msgname)
-        self._fieldnames = MAVLink_xitl_truth_message.fieldnames
-        self._instance_field = MAVLink_xitl_truth_message.instance_field
-        self._instance_offset = MAVLink_xitl_truth_message.instance_offset
         self.time_usec = time_usec
         self.pos_ned = pos_ned
         self.vel_ned = vel_ned
@@ -6012,8 +5625,8 @@ class MAVLink_xitl_bridge_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_BRIDGE_STATUS
-    msgname = "XITL_BRIDGE_STATUS"
-    fieldnames = ["time_usec", "imu_out", "solution_out", "gnss_out", "unsent", "world_in", "world_resent", "world_lost", "restarts", "outputs_in", "commands_in", "junk", "mavlink_in", "mavlink_lost", "mavlink_dropped", "mavlink_passed", "mavlink_out", "script_in", "script_out", "script_dropped", "world_rate", "connected"]
+    msgname = _type = "XITL_BRIDGE_STATUS"
+    fieldnames = _fieldnames = ["time_usec", "imu_out", "solution_out", "gnss_out", "unsent", "world_in", "world_resent", "world_lost", "restarts", "outputs_in", "commands_in", "junk", "mavlink_in", "mavlink_lost", "mavlink_dropped", "mavlink_passed", "mavlink_out", "script_in", "script_out", "script_dropped", "world_rate", "connected"]
     ordered_fieldnames = ["time_usec", "imu_out", "solution_out", "gnss_out", "unsent", "world_in", "world_resent", "world_lost", "restarts", "outputs_in", "commands_in", "junk", "mavlink_in", "mavlink_lost", "mavlink_dropped", "mavlink_passed", "mavlink_out", "script_in", "script_out", "script_dropped", "world_rate", "connected"]
     fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -6025,14 +5638,10 @@ class MAVLink_xitl_bridge_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 184
     unpacker = struct.Struct("<QIIIIIIIIIIIIIIIIIIIHB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, imu_out: int, solution_out: int, gnss_out: int, unsent: int, world_in: int, world_resent: int, world_lost: int, restarts: int, outputs_in: int, commands_in: int, junk: int, mavlink_in: int, mavlink_lost: int, mavlink_dropped: int, mavlink_passed: int, mavlink_out: int, script_in: int, script_out: int, script_dropped: int, world_rate: int, connected: int):
-        MAVLink_message.__init__(self, MAVLink_xitl_bridge_status_message.id, MAVLink_xitl_bridge_status_message.msgname)
-        self._fieldnames = MAVLink_xitl_bridge_status_message.fieldnames
-        self._instance_field = MAVLink_xitl_bridge_status_message.instance_field
-        self._instance_offset = MAVLink_xitl_bridge_status_message.instance_offset
         self.time_usec = time_usec
         self.imu_out = imu_out
         self.solution_out = solution_out
@@ -6073,8 +5682,8 @@ class MAVLink_xitl_cloud_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_CLOUD
-    msgname = "XITL_CLOUD"
-    fieldnames = ["time_usec", "origin", "cloud", "chunk", "chunks", "kind", "count", "points"]
+    msgname = _type = "XITL_CLOUD"
+    fieldnames = _fieldnames = ["time_usec", "origin", "cloud", "chunk", "chunks", "kind", "count", "points"]
     ordered_fieldnames = ["time_usec", "origin", "cloud", "chunk", "chunks", "kind", "count", "points"]
     fieldtypes = ["uint64_t", "float", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -6086,14 +5695,10 @@ class MAVLink_xitl_cloud_message(MAVLink_message):
     array_lengths = [0, 3, 0, 0, 0, 0, 0, 225]
     crc_extra = 216
     unpacker = struct.Struct("<Q3fHHHBB225B")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, origin: Sequence[float], cloud: int, chunk: int, chunks: int, kind: int, count: int, points: Sequence[int]):
-        MAVLink_message.__init__(self, MAVLink_xitl_cloud_message.id, MAVLink_xitl_cloud_message.msgname)
-        self._fieldnames = MAVLink_xitl_cloud_message.fieldnames
-        self._instance_field = MAVLink_xitl_cloud_message.instance_field
-        self._instance_offset = MAVLink_xitl_cloud_message.instance_offset
         self.time_usec = time_usec
         self.origin = origin
         self.cloud = cloud
@@ -6119,8 +5724,8 @@ class MAVLink_xitl_ping_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_PING
-    msgname = "XITL_PING"
-    fieldnames = ["time_usec", "position", "sample_period", "sound_speed", "ping", "angle", "samples", "first", "count", "intensity"]
+    msgname = _type = "XITL_PING"
+    fieldnames = _fieldnames = ["time_usec", "position", "sample_period", "sound_speed", "ping", "angle", "samples", "first", "count", "intensity"]
     ordered_fieldnames = ["time_usec", "position", "sample_period", "sound_speed", "ping", "angle", "samples", "first", "count", "intensity"]
     fieldtypes = ["uint64_t", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -6132,14 +5737,10 @@ class MAVLink_xitl_ping_message(MAVLink_message):
     array_lengths = [0, 3, 0, 0, 0, 0, 0, 0, 0, 200]
     crc_extra = 226
     unpacker = struct.Struct("<Q3fffHHHHB200B")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, position: Sequence[float], sample_period: float, sound_speed: float, ping: int, angle: int, samples: int, first: int, count: int, intensity: Sequence[int]):
-        MAVLink_message.__init__(self, MAVLink_xitl_ping_message.id, MAVLink_xitl_ping_message.msgname)
-        self._fieldnames = MAVLink_xitl_ping_message.fieldnames
-        self._instance_field = MAVLink_xitl_ping_message.instance_field
-        self._instance_offset = MAVLink_xitl_ping_message.instance_offset
         self.time_usec = time_usec
         self.position = position
         self.sample_period = sample_period
@@ -6166,8 +5767,8 @@ class MAVLink_xitl_obstacle_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_OBSTACLE
-    msgname = "XITL_OBSTACLE"
-    fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits", "bearing", "label_share", "label"]
+    msgname = _type = "XITL_OBSTACLE"
+    fieldnames = _fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits", "bearing", "label_share", "label"]
     ordered_fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits", "bearing", "label_share", "label"]
     fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t", "float", "float", "char"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -6179,14 +5780,10 @@ class MAVLink_xitl_obstacle_message(MAVLink_message):
     array_lengths = [0, 3, 3, 3, 0, 0, 0, 0, 0, 0, 0, 0, 16]
     crc_extra = 202
     unpacker = struct.Struct("<Q3f3f3ffffHHHff16s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, pos_ned: Sequence[float], vel_ned: Sequence[float], size: Sequence[float], heading: float, range: float, closing_speed: float, id: int, points: int, hits: int, bearing: float = 0, label_share: float = 0, label: bytes = b""):
-        MAVLink_message.__init__(self, MAVLink_xitl_obstacle_message.id, MAVLink_xitl_obstacle_message.msgname)
-        self._fieldnames = MAVLink_xitl_obstacle_message.fieldnames
-        self._instance_field = MAVLink_xitl_obstacle_message.instance_field
-        self._instance_offset = MAVLink_xitl_obstacle_message.instance_offset
         self.time_usec = time_usec
         self.pos_ned = pos_ned
         self.vel_ned = vel_ned
@@ -6217,8 +5814,8 @@ class MAVLink_xitl_launch_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_LAUNCH
-    msgname = "XITL_LAUNCH"
-    fieldnames = ["pos_ne", "heading", "size", "request", "kind"]
+    msgname = _type = "XITL_LAUNCH"
+    fieldnames = _fieldnames = ["pos_ne", "heading", "size", "request", "kind"]
     ordered_fieldnames = ["pos_ne", "heading", "size", "request", "kind"]
     fieldtypes = ["float", "float", "float", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -6230,14 +5827,10 @@ class MAVLink_xitl_launch_message(MAVLink_message):
     array_lengths = [2, 0, 0, 0, 0]
     crc_extra = 33
     unpacker = struct.Struct("<2fffHB")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, pos_ne: Sequence[float], heading: float, size: float, request: int, kind: int):
-        MAVLink_message.__init__(self, MAVLink_xitl_launch_message.id, MAVLink_xitl_launch_message.msgname)
-        self._fieldnames = MAVLink_xitl_launch_message.fieldnames
-        self._instance_field = MAVLink_xitl_launch_message.instance_field
-        self._instance_offset = MAVLink_xitl_launch_message.instance_offset
         self.pos_ne = pos_ne
         self.heading = heading
         self.size = size
@@ -6259,8 +5852,8 @@ class MAVLink_xitl_companion_status_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_COMPANION_STATUS
-    msgname = "XITL_COMPANION_STATUS"
-    fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre", "clouds_unplaced", "clouds_early", "detections", "detections_matched", "detections_dropped", "detections_early"]
+    msgname = _type = "XITL_COMPANION_STATUS"
+    fieldnames = _fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre", "clouds_unplaced", "clouds_early", "detections", "detections_matched", "detections_dropped", "detections_early"]
     ordered_fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre", "clouds_unplaced", "clouds_early", "detections", "detections_matched", "detections_dropped", "detections_early"]
     fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "uint8_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -6272,14 +5865,10 @@ class MAVLink_xitl_companion_status_message(MAVLink_message):
     array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
     crc_extra = 232
     unpacker = struct.Struct("<QIIIIIIIIIIIIIfBIIIIII")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, clouds: int, clouds_partial: int, chunks_lost: int, clouds_dropped: int, points: int, points_refused: int, pings: int, poses: int, poses_refused: int, map_points: int, obstacles: int, detours: int, stops: int, latency: float, manoeuvre: int, clouds_unplaced: int = 0, clouds_early: int = 0, detections: int = 0, detections_matched: int = 0, detections_dropped: int = 0, detections_early: int = 0):
-        MAVLink_message.__init__(self, MAVLink_xitl_companion_status_message.id, MAVLink_xitl_companion_status_message.msgname)
-        self._fieldnames = MAVLink_xitl_companion_status_message.fieldnames
-        self._instance_field = MAVLink_xitl_companion_status_message.instance_field
-        self._instance_offset = MAVLink_xitl_companion_status_message.instance_offset
         self.time_usec = time_usec
         self.clouds = clouds
         self.clouds_partial = clouds_partial
@@ -6319,8 +5908,8 @@ class MAVLink_xitl_detection_message(MAVLink_message):
     """
 
     id = MAVLINK_MSG_ID_XITL_DETECTION
-    msgname = "XITL_DETECTION"
-    fieldnames = ["time_usec", "position", "bearing", "width", "bottom", "top", "confidence", "label"]
+    msgname = _type = "XITL_DETECTION"
+    fieldnames = _fieldnames = ["time_usec", "position", "bearing", "width", "bottom", "top", "confidence", "label"]
     ordered_fieldnames = ["time_usec", "position", "bearing", "width", "bottom", "top", "confidence", "label"]
     fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "char"]
     fielddisplays_by_name: Dict[str, str] = {}
@@ -6332,14 +5921,10 @@ class MAVLink_xitl_detection_message(MAVLink_message):
     array_lengths = [0, 3, 0, 0, 0, 0, 0, 16]
     crc_extra = 17
     unpacker = struct.Struct("<Q3ffffff16s")
-    instance_field = None
-    instance_offset = -1
+    instance_field = _instance_field = None
+    instance_offset = _instance_offset = -1
 
     def __init__(self, time_usec: int, position: Sequence[float], bearing: float, width: float, bottom: float, top: float, confidence: float, label: bytes):
-        MAVLink_message.__init__(self, MAVLink_xitl_detection_message.id, MAVLink_xitl_detection_message.msgname)
-        self._fieldnames = MAVLink_xitl_detection_message.fieldnames
-        self._instance_field = MAVLink_xitl_detection_message.instance_field
-        self._instance_offset = MAVLink_xitl_detection_message.instance_offset
         self.time_usec = time_usec
         self.position = position
         self.bearing = bearing
@@ -6484,6 +6069,8 @@ class MAVLink_bad_data(MAVLink_message):
     a piece of bad data in a mavlink stream
     """
 
+    id = MAVLINK_MSG_ID_BAD_DATA
+
     def __init__(self, data: Union[bytes, bytearray], reason: str) -> None:
         MAVLink_message.__init__(self, MAVLINK_MSG_ID_BAD_DATA, "BAD_DATA")
         self._fieldnames = ["data", "reason"]
@@ -6502,6 +6089,8 @@ class MAVLink_unknown(MAVLink_message):
     """
     a message that we don't have in the XML used when built
     """
+
+    id = MAVLINK_MSG_ID_UNKNOWN
 
     def __init__(self, msgid: int, data: Union[bytes, bytearray]) -> None:
         MAVLink_message.__init__(self, MAVLINK_MSG_ID_UNKNOWN, "UNKNOWN_%u" % msgid)
