@@ -165,6 +165,13 @@ class Fleet:
         """Return the same vessels in another environment of the same water."""
         return replace(self, batches=tuple(simulation.in_environment(environment) for simulation in self.batches))
 
+    def over_bed(self, state: FleetState) -> Fleet:
+        """Return the fleet over the bed below each vessel; this one if the bed is as deep as before everywhere."""
+        pairs = zip(self.batches, state.batches, strict=True)
+        batches = tuple(simulation.over_bed(batch) for simulation, batch in pairs)
+        same = all(new is old for new, old in zip(batches, self.batches, strict=True))
+        return self if same else replace(self, batches=batches)
+
     @property
     def why_numpy(self) -> str | None:
         """Reason why the steps of some vessels run in numpy, None if all run compiled."""

@@ -1,6 +1,6 @@
-"""Rows of batches: replace the vessels of some rows of a state.
+"""Rows of batches: select the vessel of a row of a state, and replace the vessels of some rows.
 
-state = with_rows(state, rows, fresh)
+state = with_rows(state, [row], row_of(state, row))
 """
 
 from __future__ import annotations
@@ -15,6 +15,23 @@ from numpy.typing import NDArray
 T = TypeVar("T")
 Rows = Sequence[int] | NDArray[np.intp]
 """Numbers of K rows, all different."""
+
+
+def row_of(now: T, row: int) -> T:
+    """Return the dataclass `now` of N vessels with one of its rows, (1, ...).
+
+    Arrays of one row, which all vessels share, stay as they are, as does everything but arrays and dataclasses inside.
+    """
+    if not is_dataclass(now) or isinstance(now, type):
+        return now
+    changed: dict[str, Any] = {}
+    for field in fields(now):
+        value = getattr(now, field.name)
+        if isinstance(value, np.ndarray):
+            changed[field.name] = value if len(value) == 1 else value[row : row + 1]
+        elif is_dataclass(value):
+            changed[field.name] = row_of(value, row)
+    return replace(now, **changed)
 
 
 def with_rows(now: T, rows: Rows, fresh: T) -> T:

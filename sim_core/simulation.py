@@ -18,8 +18,8 @@ from sim_core.environment.environment import Environment, EnvironmentState
 from sim_core.environment.waves import FlatWater, HullSurface, HullWaves, StillHull, WaveField
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.motion import Influences, MotionStep, surroundings
-from sim_core.rows import Rows, with_rows
+from sim_core.motion import Influences, MotionStep, Moved, surroundings
+from sim_core.rows import Rows, row_of, with_rows
 from sim_core.state_class import state_class
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.condition import Condition
@@ -55,8 +55,10 @@ class Simulation:
     """Update period of current, gusts and the waves' mean force: a whole number of steps."""
     outline: Outline
     waterway: Waterway = OPEN_WATER
-    bottom_m: float | None = None
-    """Depth over the bed below the vessel; None for the depth of the environment's water."""
+    bottoms_m: tuple[float, ...] = ()
+    """Depth over the bed below each vessel; empty for the depth of the environment's water."""
+    own_motions: tuple[tuple[int, MotionStep], ...] = ()
+    """Rows of a fleet's vessels that feel another depth than `motion`, with their steps."""
 
     @classmethod
     def from_spec(
@@ -87,26 +89,36 @@ class Simulation:
         """Reason why the steps run in numpy, None if they run compiled."""
         return self.motion.why_numpy
 
-    @property
-    def depth_m(self) -> float:
-        """Depth of the water that the vessel feels."""
-        return self.environment.water.depth_m if self.bottom_m is None else self.bottom_m
+    def depths_m(self, vessels: int) -> tuple[float, ...]:
+        """Return the depth of the water that each of N vessels feels."""
+        return self.bottoms_m or (self.environment.water.depth_m,) * vessels
 
     def over_bed(self, state: SimulationState) -> Simulation:
-        """Return the simulation of a single vessel over the bed below it; this one if the bed is as deep as before.
+        """Return the simulation over the bed below each vessel; this one if the bed is as deep as before everywhere.
 
         Depth counts as the same within BOTTOM_SHARE, and everywhere where it has no effect. The tide is part of it.
         """
         bed, vessel, water = self.waterway.bed, self.vessel, self.environment.water
         if bed is None or not vessel.model.confined_water:
             return self
-        below_m = float(bed.bed_down_m(state.vessel.motion.pos_ned_m[0, :2]))
-        below_m += water.level_m + self.environment.tide.height_m(state.time_ns * 1e-9)
-        depth_m, before_m = (felt_depth_m(vessel.model, vessel.rest, own) for own in (below_m, self.depth_m))
-        if depth_m == before_m or abs(depth_m - before_m) < BOTTOM_SHARE * before_m < math.inf:
+        still_m = water.level_m + self.environment.tide.height_m(state.time_ns * 1e-9)
+        below_m = (bed.bed_down_m(state.vessel.motion.pos_ned_m[:, :2]) + still_m).tolist()
+        # The vessels whose depth changes
+        bottoms_m, changed = list(self.depths_m(len(below_m))), []
+        for row, depths_m in enumerate(zip(below_m, bottoms_m, strict=True)):
+            depth_m, before_m = (felt_depth_m(vessel.model, vessel.rest, own) for own in depths_m)
+            if depth_m != before_m and not abs(depth_m - before_m) < BOTTOM_SHARE * before_m < math.inf:
+                bottoms_m[row] = depth_m
+                changed.append(row)
+        if not changed:
             return self
-        motion = MotionStep(vessel.over_bottom(water, depth_m), self.hull_waves)
-        return replace(self, motion=motion, bottom_m=depth_m)
+        # Their steps
+        steps = {row: MotionStep(vessel.over_bottom(water, bottoms_m[row]), self.hull_waves) for row in changed}
+        if len(below_m) == 1:
+            return replace(self, motion=steps[0], bottoms_m=tuple(bottoms_m))
+        of_all_m = felt_depth_m(vessel.model, vessel.rest, water.depth_m)
+        own = {row: step for row, step in (dict(self.own_motions) | steps).items() if bottoms_m[row] != of_all_m}
+        return replace(self, own_motions=tuple(sorted(own.items())), bottoms_m=tuple(bottoms_m))
 
     def in_environment(self, environment: Environment) -> Simulation:
         """Return the same vessel in another environment of the same water."""
@@ -119,6 +131,8 @@ class Simulation:
             motion=MotionStep(vessel, hull_waves),
             environment=environment,
             wave_drift_ne_mps=wave_drift,
+            bottoms_m=() if self.own_motions else self.bottoms_m,
+            own_motions=(),
         )
 
 
@@ -321,7 +335,27 @@ def advance(
     instants_s = [instant_ns * 1e-9 for instant_ns in range(time_ns + dt_ns, after_ns, dt_ns)]
     later = [(instant_s, tide.height_m(instant_s)) for instant_s in instants_s]
     moved = simulation.motion.step(state.vessel, influences, later)
+    if simulation.own_motions:
+        moved = _moved_apart(simulation, state.vessel, influences, later, moved)
     return SimulationState(after_ns, moved.vessel, environment, *flows, moved.drift_frd_n, moved.surface, afloat)
+
+
+def _moved_apart(
+    simulation: Simulation,
+    before: VesselState,
+    influences: Influences,
+    later: list[tuple[float, float]],
+    moved: Moved,
+) -> Moved:
+    """Return `moved` with the steps of the vessels that feel another depth."""
+    before, after = replace(before, packed=None), replace(moved.vessel, packed=None)
+    surface, drift_frd_n = moved.surface, moved.drift_frd_n.copy()
+    for row, motion in simulation.own_motions:
+        own = motion.step(row_of(before, row), row_of(influences, row), later)
+        after = with_rows(after, [row], replace(own.vessel, packed=None))
+        surface = with_rows(surface, [row], own.surface)
+        drift_frd_n[row] = own.drift_frd_n[0]
+    return Moved(after, surface, drift_frd_n)
 
 
 def _surroundings(

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from kernel import needs_kernel
 
+from sim_core import fleet as fleets
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.tide import Tide
+from sim_core.fleet import Fleet
 from sim_core.frames import Array
 from sim_core.motion import Influences, MotionStep, move
 from sim_core.simulation import Simulation, SimulationState, initial, step
@@ -209,7 +211,7 @@ def test_a_vessel_feels_the_depth_below_it() -> None:
         assert isinstance(state, SimulationState)
         assert isinstance(simulation, Simulation)
         speed[name] = float(state.vessel.motion.vel_ned_mps[0, 0])
-        assert simulation.depth_m == (DEEP_M if name == "deep" else pytest.approx(1.5 * draft_m))
+        assert simulation.depths_m(1)[0] == (DEEP_M if name == "deep" else pytest.approx(1.5 * draft_m))
     assert speed["flat"] == pytest.approx(speed["environment"], rel=1e-9)
     assert speed["flat"] < 0.97 * speed["deep"]
 
@@ -220,7 +222,7 @@ def test_the_tide_is_part_of_the_depth() -> None:
     low, high = (sailed_over(FlatBed(1.5 * draft_m), 1.0, tide_m=tide_m).simulation for tide_m in (0.0, draft_m))
     assert isinstance(low, Simulation)
     assert isinstance(high, Simulation)
-    assert high.depth_m == pytest.approx(low.depth_m + draft_m, rel=0.02)
+    assert high.depths_m(1)[0] == pytest.approx(low.depths_m(1)[0] + draft_m, rel=0.02)
 
 
 @pytest.mark.medium
@@ -230,9 +232,37 @@ def test_a_vessel_slows_down_over_a_rising_bed_and_recovers_where_it_is_deep() -
     assert isinstance(state, SimulationState)
     assert isinstance(simulation, Simulation)
     below_m = float(SlopingBed().bed_down_m(state.vessel.motion.pos_ned_m[0, :2]))
-    assert simulation.depth_m == pytest.approx(below_m, rel=0.021)
+    assert simulation.depths_m(1)[0] == pytest.approx(below_m, rel=0.021)
     assert simulation.over_bed(state) is simulation
     back = replace(state.vessel.motion, pos_ned_m=np.array([[-20.0, 0.0, 0.0]]))
     deep = simulation.over_bed(replace(state, vessel=replace(state.vessel, motion=back)))
     before = over_bottom(shipped("otter"), DEEP_M).vessel
     assert deep.vessel.acceleration_per_term == pytest.approx(before.acceleration_per_term, rel=0.0, abs=0.0)
+
+
+@pytest.mark.medium
+def test_each_vessel_of_a_fleet_moves_as_alone_over_the_bed_below_it() -> None:
+    """Three Otters and a WAM-V cross a slope: one comes from deep water, one leaves for it, one stays shallow."""
+    otter, wamv = shipped("otter"), shipped("wamv16")
+    models, commands = [otter, otter, wamv, otter], [[0.5, 0.5], [-0.6, -0.4], [0.3, 0.3], [0.4, 0.5]]
+    places, waterway = [4.0, 8.0, 6.0, 12.0], Waterway(Capsules.joined(()), SlopingBed(), contact=False)
+    environment, headings = over_bottom(otter, DEEP_M).environment, np.zeros(1)
+    alone = []
+    for model, command, north_m in zip(models, commands, places, strict=True):
+        simulation = Simulation.from_spec(model, environment, DT_S, waterway)
+        state = initial(simulation, np.array([[north_m, 100.0 * north_m]]), headings, np.random.default_rng(0))
+        plant = Plant(simulation, state, np.random.default_rng(0))
+        depths = set()
+        for _ in range(round(6.0 / DT_S)):
+            plant.advance(command)
+            depths.add(plant.vessels[0].simulation.depths_m(1)[0])
+        alone.append((plant.vessels[0].motion(), depths))
+    assert [len(depths) > 1 for _, depths in alone] == [True, True, True, False]
+    fleet = Fleet.from_spec(models, environment, DT_S, waterway)
+    starts = np.array([[north_m, 100.0 * north_m] for north_m in places])
+    plant = Plant(fleet, fleets.initial(fleet, starts, np.zeros(4), np.random.default_rng(0)), np.random.default_rng(0))
+    for _ in range(round(6.0 / DT_S)):
+        plant.advance(commands)
+    for view, (motion, _) in zip(plant.vessels, alone, strict=True):
+        assert view.motion().pos_ned_m.tolist() == motion.pos_ned_m.tolist()
+        assert view.motion().gyro_frd_radps.tolist() == motion.gyro_frd_radps.tolist()

@@ -43,11 +43,13 @@ def froude_number(simulation: Simulation, state: SimulationState) -> list[float]
 
 def depth_froude_number(simulation: Simulation, state: SimulationState) -> list[float]:
     """Return the speed through the water over the root of g times the depth; 0 where the depth does not sink a hull."""
-    model, depth_m = simulation.vessel.model, simulation.depth_m
-    if not model.confined_water or depth_m >= DEEP_OF_LENGTH * model.length_m:
-        return [0.0] * len(state.vessel.motion.pos_ned_m)
-    root = math.sqrt(depth_m / model.length_m)
-    return [figure / root for figure in froude_number(simulation, state)]
+    model, figures = simulation.vessel.model, froude_number(simulation, state)
+    return [
+        figure / math.sqrt(depth_m / model.length_m)
+        if model.confined_water and depth_m < DEEP_OF_LENGTH * model.length_m
+        else 0.0
+        for figure, depth_m in zip(figures, simulation.depths_m(len(figures)), strict=True)
+    ]
 
 
 def deck_under_water(simulation: Simulation, state: SimulationState) -> list[float]:

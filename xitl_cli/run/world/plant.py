@@ -89,15 +89,20 @@ class Plant:
         return self.state
 
     def _follow_bed(self) -> None:
-        """Let a single vessel feel the depth below it. The vessels of a fleet feel that of the environment's water."""
-        if isinstance(self.state, SimulationState) and isinstance(self.simulation, Simulation):
-            if self.state.time_ns < self._look_down_ns:
-                return
-            self._look_down_ns = self.state.time_ns + self.simulation.drift_ns
-            simulation = self.simulation.over_bed(self.state)
-            if simulation is not self.simulation:
-                self.simulation = simulation
-                self._show_simulation()
+        """Let each vessel feel the depth below it."""
+        simulation, state = self.simulation, self.state
+        if state.time_ns < self._look_down_ns:
+            return
+        if isinstance(simulation, Fleet):
+            assert isinstance(state, FleetState)
+            self._look_down_ns = state.time_ns + simulation.batches[0].drift_ns
+            self.simulation = simulation.over_bed(state)
+        else:
+            assert isinstance(state, SimulationState)
+            self._look_down_ns = state.time_ns + simulation.drift_ns
+            self.simulation = simulation.over_bed(state)
+        if self.simulation is not simulation:
+            self._show_simulation()
 
     def touching(self) -> Collection[int]:
         """Return the numbers of the vessels with a contact in the latest step."""
