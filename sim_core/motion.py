@@ -173,41 +173,29 @@ class _CompiledMove:
         # The row of the results begins with the row of the next state
         new = after.motion
         assert after.half_change is not None
-        results = {"pos": new.pos_ned_m, "vel": new.vel_ned_mps, "quat": new.quat_ned_frd, "rot": new.rot_ned_frd}
-        results |= {"gyro": new.gyro_frd_radps, "rotor": after.rotor_speed, "half": after.half_change}
+        results = [new.pos_ned_m, new.vel_ned_mps, new.quat_ned_frd, new.rot_ned_frd, new.gyro_frd_radps]
+        results += [after.rotor_speed, after.half_change]
         if after.battery is not None:
-            results |= {"used": after.battery.used_as, "voltage": after.battery.voltage_v}
-            results |= {"battery_current": after.battery.current_a}
-        results |= {"acc": new.acc_ned_mps2, "angular_acc": new.angular_acc_frd_radps2}
-        results |= {"elevation": surface.point_elevation_m, "over_hull": surface.over_hull, "drift": drift_frd_n}
-        ends = np.cumsum([result.size for result in results.values()]).tolist()
-        self._at = {name: slice(start, end) for name, start, end in zip(results, [0, *ends], ends, strict=False)}
-        self._program = Program(kernel, recorder, list(results.values()), _STEP_INPUTS)
+            results += [after.battery.used_as, after.battery.voltage_v, after.battery.current_a]
+        results += [new.acc_ned_mps2, new.angular_acc_frd_radps2]
+        results += [surface.point_elevation_m, surface.over_hull, drift_frd_n]
+        self._program = Program(kernel, recorder, results, _STEP_INPUTS)
 
     def __call__(self, state: VesselState, influences: Influences, later: Sequence[tuple[float, float]]) -> Moved:
         values, address = _packed(state, self._battery)
         rows, columns = values.shape
         self._fill(self._program.other(rows), state.condition, influences)
-        results, place = self._program.run(rows, address, columns, later)
+        results, place, *parts = self._program.run(rows, address, columns, later)
         # The arrays of the next state and of the surroundings
-        at = self._at
-        motion = Kinematics(
-            results[:, at["pos"]],
-            results[:, at["vel"]],
-            results[:, at["acc"]],
-            results[:, at["quat"]],
-            results[:, at["rot"]].reshape(rows, 3, 3),
-            results[:, at["gyro"]],
-            results[:, at["angular_acc"]],
+        pos, vel, quat, rot, gyro, rotor_speed, half_change, *charge, acc, angular_acc, elevation, over_hull, drift = (
+            parts
         )
-        rotor_speed, half_change, battery = results[:, at["rotor"]], results[:, at["half"]], None
-        if self._battery:
-            battery = BatteryState(*(results[:, at[name].start] for name in ("used", "voltage", "battery_current")))
+        motion = Kinematics(pos, vel, acc, quat, rot, gyro, angular_acc)
+        battery = BatteryState(*charge) if charge else None
         packed = PackedState(results, place, motion, rotor_speed, half_change, battery)
         after = VesselState(motion, rotor_speed, half_change, state.condition, battery, packed)
         tide_m = later[-1][1] if later else influences.tide_m
-        surface = HullSurface(results[:, at["elevation"]], results[:, at["over_hull"]], tide_m)
-        return Moved(after, surface, results[:, at["drift"]])
+        return Moved(after, HullSurface(elevation, over_hull, tide_m), drift)
 
     def _fill(self, other: Array, condition: Condition | None, influences: Influences) -> None:
         """Put the influences into the (N, columns) rows of the vessels."""

@@ -12,6 +12,8 @@ import ctypes
 import math
 import threading
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy import float64, int32
@@ -36,6 +38,8 @@ _RUN, _SAME, _TABLE = range(3)
 _LANES = (1, 8)
 _PARTS = 64  # rows of results that are made at once
 _ALONE = (0, 0)  # no later steps
+Results = tuple[Any, ...]
+"""An array (rows, columns) of all results, its address, and its part for each output, (rows, ...)."""
 _LONG = 16  # values that are worth an operation of their own
 
 
@@ -55,8 +59,8 @@ class _Room:
     def __init__(self, constants: Array, values: int, operands: int) -> None:
         self.other: dict[int, tuple[Array, int]] = {}
         """For each number of rows, the array of the other inputs and its address."""
-        self.results: dict[int, Iterator[tuple[Array, int]]] = {}
-        """For each number of rows, arrays for results and their addresses."""
+        self.results: dict[int, Iterator[Results]] = {}
+        """For each number of rows, new arrays for results."""
         self._arrays: list[Array] = []
         for lanes in _LANES:
             of_lanes = np.zeros((values, lanes))
@@ -75,14 +79,19 @@ class _Room:
         return self._later_address
 
 
-def _new_results(rows: int, columns: int) -> Iterator[tuple[Array, int]]:
-    """Yield new arrays (rows, columns) and their addresses. Small ones are parts of one, which costs less."""
+def _new_results(rows: int, shapes: Sequence[tuple[int, ...]]) -> Iterator[Results]:
+    """Yield new arrays for the results of N rows. Small ones are parts of one, which costs less."""
+    ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
+    bent = [number for number, shape in enumerate(shapes) if len(shape) != 1]
     parts = max(_PARTS // rows, 1)
     while True:
-        block = np.empty((parts, rows, columns))
-        first, size = block.ctypes.data, block.itemsize * rows * columns
-        for part in range(parts):
-            yield block[part], first + part * size
+        block = np.empty((parts, rows, ends[-1]))
+        size = block.itemsize * rows * ends[-1]
+        addresses = range(block.ctypes.data, block.ctypes.data + parts * size, size)
+        outputs = [block[:, :, start:end] for start, end in pairwise([0, *ends])]
+        for number in bent:
+            outputs[number] = outputs[number].reshape(parts, rows, *shapes[number])
+        yield from zip(block, addresses, *outputs, strict=True)
 
 
 class Program:
@@ -109,7 +118,7 @@ class Program:
         tables: list[NDArray[int32]] = []
         matrices: list[Array] = []
         code = [number for operation in operations for number in _encoded(operation, place, tables, matrices)]
-        self.outputs = len(wanted)
+        self._shapes = [output.shape[1:] for output in outputs]
         self._code, self._tables, self._matrices, self._outputs = (
             np.array(code, dtype=int32),
             np.concatenate([np.zeros(0, int32), *tables]),
@@ -119,7 +128,7 @@ class Program:
         room = max([operand.size for operation in operations for operand in operation.operands], default=1)
         self._tape = _Tape(
             *(array.ctypes.data for array in (self._code, self._tables, self._matrices, self._outputs)),
-            *(len(operations), len(constants), len(state), len(other), step_inputs, self.outputs, room),
+            *(len(operations), len(constants), len(state), len(other), step_inputs, len(wanted), room),
         )
         self._address = ctypes.addressof(self._tape)
         self._constants = np.array([recorder.constants[number] for number in constants])
@@ -132,23 +141,21 @@ class Program:
         if rows not in room.other:
             array = np.empty((rows, self._other))
             room.other[rows] = array, array.ctypes.data
-            room.results[rows] = _new_results(rows, self.outputs)
+            room.results[rows] = _new_results(rows, self._shapes)
         return room.other[rows][0]
 
-    def run(
-        self, rows: int, state_address: int, state_columns: int, later: Sequence[Sequence[float]] = ()
-    ) -> tuple[Array, int]:
-        """Return a new array (rows, outputs) and its address, after one step and a further one for each of `later`.
+    def run(self, rows: int, state_address: int, state_columns: int, later: Sequence[Sequence[float]] = ()) -> Results:
+        """Return the results after one step and a further one for each of `later`, in new arrays.
 
         The state lies at an address, (rows, state_columns) of float64, of which the first columns are the inputs.
         later: the step inputs of each further step. All other values stay.
         """
         room = self._room_of_thread()
-        results, address = next(room.results[rows])
+        results = next(room.results[rows])
         other_address, count = room.other[rows][1], len(later)
         steps = (count, room.later_address(later)) if count else _ALONE
-        self._run(self._address, rows, state_columns, state_address, other_address, address, *steps, *room.addresses)
-        return results, address
+        self._run(self._address, rows, state_columns, state_address, other_address, results[1], *steps, *room.addresses)
+        return results
 
     def _room_of_thread(self) -> _Room:
         room: _Room | None = getattr(self._threads, "room", None)
