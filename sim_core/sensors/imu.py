@@ -15,7 +15,7 @@ from sim_core.sensors.measurement import (
     Digitiser,
     centripetal_matrix,
     cross_matrix,
-    digitiser,
+    joined_digitiser,
     pair_products,
 )
 from sim_core.sensors.spec import ImuSpec
@@ -61,8 +61,7 @@ class Imu:
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _gravity_ned_mps2: Array = field(init=False, repr=False, compare=False)
     _cross: Array | None = field(init=False, repr=False, compare=False)
-    _gyro_output: Digitiser = field(init=False, repr=False, compare=False)
-    _accel_output: Digitiser = field(init=False, repr=False, compare=False)
+    _output: Digitiser = field(init=False, repr=False, compare=False)
     _centripetal: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -84,8 +83,8 @@ class Imu:
         put(self, "_drift", drift)
         put(self, "_gravity_ned_mps2", np.array([[0.0, 0.0, self.gravity_mps2]]))
         put(self, "_cross", cross_matrix(spec.position_frd_m) if any(spec.position_frd_m) else None)
-        put(self, "_gyro_output", digitiser(spec.gyro_resolution_radps, spec.gyro_range_radps))
-        put(self, "_accel_output", digitiser(spec.accel_resolution_mps2, spec.accel_range_mps2))
+        gyro_output = (3, spec.gyro_resolution_radps, spec.gyro_range_radps)
+        put(self, "_output", joined_digitiser(gyro_output, (3, spec.accel_resolution_mps2, spec.accel_range_mps2)))
         put(self, "_centripetal", centripetal_matrix(spec.position_frd_m))
 
     def initial(self, vessels: int, rng: Generator) -> ImuState:
@@ -100,8 +99,6 @@ class Imu:
     def measure(self, state: ImuState, truth: Kinematics, rng: Generator) -> tuple[ImuState, ImuSample]:
         """Take one sample of the motion `truth`. The returned state is the state of the next sample."""
         noise = self._scale * rng.standard_normal((len(truth.acc_ned_mps2), 12))
-        error = state.turn_on_bias + state.drifting_bias + noise[:, :6]
-        gyro = truth.gyro_frd_radps + error[:, :3]
         # Specific force at the sensor's position: R^T (a - g) + alpha x r + w x (w x r)
         force: Array = ((truth.acc_ned_mps2 - self._gravity_ned_mps2)[:, None, :] @ truth.rot_ned_frd)[:, 0, :]
         if self._cross is not None:
@@ -109,12 +106,9 @@ class Imu:
             # Row by row: a product of all rows together rounds otherwise than that of one.
             pull: Array = (pair_products(truth.gyro_frd_radps)[:, None, :] @ self._centripetal)[:, 0]
             force = force + swing + pull
-        accel = force + error[:, 3:]
-        sample = ImuSample(
-            gyro_frd_radps=self._gyro_output.read(gyro),
-            accel_frd_mps2=self._accel_output.read(accel),
-            temperature_degc=state.temperature_degc,
-        )
+        error = state.turn_on_bias + state.drifting_bias + noise[:, :6]
+        output = self._output.read(np.concatenate((truth.gyro_frd_radps, force), axis=1) + error)
+        sample = ImuSample(output[:, :3], output[:, 3:], state.temperature_degc)
         drifting_bias = self._drift.decay * state.drifting_bias + noise[:, 6:]
         return ImuState(state.turn_on_bias, drifting_bias, state.temperature_degc), sample
 

@@ -5,6 +5,7 @@ Lever arms are constant matrices on rows of the body's motion.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +42,8 @@ def pair_products(rate_frd_radps: Array) -> Array:
 class Digitiser:
     """Rounds to the nearest `resolution` and saturates at plus or minus `full_scale`.
 
-    Both are arrays without dimensions. Small arrays combine with them in half the time of a Python float.
+    Both are arrays without dimensions, or rows of one value for each column. Small arrays combine with them in half the
+    time of a Python float.
     """
 
     resolution: Array | None
@@ -58,6 +60,22 @@ class Digitiser:
         if self.full_scale is not None and self.least is not None:
             value = np.minimum(np.maximum(value, self.least), self.full_scale)
         return value
+
+
+FINEST = 2.0**-960
+"""A step so fine that rounding to it leaves values between 1e-270 and 1e18 as they are, bit for bit."""
+
+
+def joined_digitiser(*of_columns: tuple[int, float, float | None]) -> Digitiser:
+    """Make one digitiser of rows from groups of columns: their number, `resolution` and `full_scale` of `digitiser`."""
+    resolution = [step or FINEST for count, step, _ in of_columns for _ in range(count)]
+    full_scale = [math.inf if most is None else most for count, _, most in of_columns for _ in range(count)]
+    steps = any(step for _, step, _ in of_columns)
+    return Digitiser(
+        resolution=np.array([resolution]) if steps else None,
+        full_scale=np.array([full_scale]) if any(map(math.isfinite, full_scale)) else None,
+        least=-np.array([full_scale]) if any(map(math.isfinite, full_scale)) else None,
+    )
 
 
 def digitiser(resolution: float, full_scale: float | None = None) -> Digitiser:

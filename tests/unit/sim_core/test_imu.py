@@ -7,6 +7,7 @@ from motion import at_rest, swinging
 from sim_core.geodesy import normal_gravity_mps2
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.imu import Imu
+from sim_core.sensors.measurement import digitiser, joined_digitiser
 from sim_core.sensors.spec import ImuSpec
 
 GRAVITY = 9.81
@@ -253,3 +254,12 @@ def test_gravity_is_that_of_the_place():
 def test_a_configuration_that_cannot_be_is_refused_by_name(field, value):
     with pytest.raises(ValueError, match=rf"ImuSpec\.{field} = .*; (use|write|give)"):
         Imu(ImuSpec(**{field: value}))
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-6, 1.0, 1e15])
+def test_the_columns_of_a_joined_digitiser_are_rounded_and_limited_apart(scale: float) -> None:
+    values = np.random.default_rng(3).normal(scale=scale, size=(4, 6))
+    joined = joined_digitiser((2, 0.25, 1.0), (3, 0.0, None), (1, 0.0, 0.5)).read(values)
+    assert joined[:, :2].tolist() == digitiser(0.25, 1.0).read(values[:, :2]).tolist()
+    assert joined[:, 2:5].tolist() == values[:, 2:5].tolist()
+    assert joined[:, 5].tolist() == np.clip(values[:, 5], -0.5, 0.5).tolist()
