@@ -81,7 +81,7 @@ class Injector:
         return None
 
     def commands(self) -> Sequence[float] | None:
-        """Latest outputs that are already normalised to [-1, 1]. None when there are none."""
+        """Latest normalised outputs, which the role limits to [-1, 1]. None when there are none."""
         return None
 
     def descriptors(self) -> Sequence[int]:

@@ -16,15 +16,16 @@ enough time. When every HIL_SENSOR is answered, at the 100 Hz of a rover's outpu
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
+from itertools import islice
+from operator import sub
 from time import monotonic
 from typing import Callable
 
 from agent.bridges import hil_messages as hil
 from agent.bridges.injector import Injector, InjectorCounters
-from agent.bridges.readings import ReceiverFix, SensorReadings
+from agent.bridges.readings import InertialSample, ReceiverFix, SensorReadings
 from agent.bridges.vehicle_link import VehicleLink
 from agent.navigation.measurements import ImuMeasurement
 from agent.timing.clock import Clock, MonotonicClock
@@ -41,6 +42,7 @@ RHYTHM = 4  # number of outputs that define the period
 LONGEST_PERIOD_US = 50_000
 EARLY_US = 500
 PATIENCE_S = 0.3  # of real time, for an output that is due
+LAST_PATIENCE_S = 0.05  # after the run, when PX4 disarms and its outputs end
 _LOCKSTEP = 1  # HIL_ACTUATOR_CONTROLS.flags
 
 
@@ -77,6 +79,7 @@ class Px4Line:
 
     def _forget(self) -> None:
         self._stamps: deque[int] = deque(maxlen=RHYTHM + 1)
+        self._period_us = 0
         self._answers = False
         self._output_due_s: float | None = None
         self._anchor: tuple[float, int] | None = None
@@ -86,6 +89,11 @@ class Px4Line:
     def connected(self) -> bool:
         """Whether PX4 is connected."""
         return bool(self._transport.peer)
+
+    @property
+    def answers(self) -> bool:
+        """Whether outputs arrive."""
+        return self._answers and self.connected
 
     @property
     def address(self) -> str:
@@ -107,8 +115,11 @@ class Px4Line:
         sensor = isinstance(message, mav.MAVLink_hil_sensor_message)
         return sensor and message.time_usec + self._base_us <= self._newest_us
 
-    def send(self, message: Message) -> bool:
-        """Send a message. HIL_SENSOR gets PX4's stamp. Return False when PX4 is absent or the line is full."""
+    def send(self, message: Message, patience_s: float) -> bool:
+        """Send a message. HIL_SENSOR gets PX4's stamp, and its output may take `patience_s` of real time.
+
+        Return False when PX4 is absent or the line is full.
+        """
         if not isinstance(message, mav.MAVLink_hil_sensor_message):
             return self._link.send(message)
         stamp_us = message.time_usec + self._base_us
@@ -117,7 +128,7 @@ class Px4Line:
             message.time_usec = ours_us
             return False
         self._newest_us = stamp_us
-        self._output_due_s = monotonic() + PATIENCE_S
+        self._output_due_s = monotonic() + patience_s
         return True
 
     def settle(self, until_s: float) -> bool:
@@ -125,37 +136,31 @@ class Px4Line:
 
         Return False if it may not at `until_s` of the monotonic clock.
         """
+        if self._output_due_s is None:
+            self._listen(0.0)
         while self._output_due_s is not None and self.connected:
             now_s = monotonic()
-            if self._answers and self._keeps_step:
-                if not self._is_output_due():
+            if not (self._answers and self._keeps_step):
+                lead_s = self._lead_s(now_s)
+                self._listen(min(lead_s, max(until_s - now_s, 0.0)))
+                if lead_s <= 0.0 and now_s < until_s:
                     self._output_due_s = None
-                    break
-                if now_s >= self._output_due_s:
-                    self._answers = False  # PX4 no longer sends outputs
-                    self._stamps.clear()
-                    self._anchor = None
-                    continue
-                wait_s = min(self._output_due_s, until_s) - now_s
+            elif not self._is_output_due():
+                self._output_due_s = None
+            elif now_s < self._output_due_s:
+                self._listen(max(min(self._output_due_s, until_s) - now_s, 0.0))
             else:
-                wait_s = min(self._lead_s(now_s), until_s - now_s)
-                if wait_s <= 0.0:
-                    self._output_due_s = None if now_s < until_s else self._output_due_s
-                    break
-            self._listen(max(wait_s, 0.0))
-            if self._output_due_s is not None and monotonic() >= until_s:
+                self._answers = False  # PX4 no longer sends outputs
+                self._stamps.clear()
+                self._anchor = None
+            if now_s >= until_s:
                 break
-        self._listen(0.0)
         return self._output_due_s is None and self.connected
 
     def _is_output_due(self) -> bool:
         """Whether an output for the newest sample is still due."""
         last_us = self._stamps[-1]
-        if last_us >= self._newest_us:
-            return False
-        stamps = list(self._stamps)
-        period_us = max(after - before for before, after in zip(stamps, stamps[1:]))
-        return self._newest_us + EARLY_US >= last_us + period_us
+        return last_us < self._newest_us and self._newest_us + EARLY_US >= last_us + self._period_us
 
     def _lead_s(self, now_s: float) -> float:
         """Lead of the samples over their pace, in seconds. A lag is not made up: PX4 would miss samples of a burst."""
@@ -200,6 +205,7 @@ class Px4Line:
             stamps.clear()
         stamps.append(message.time_usec)
         self._answers = len(stamps) > 1
+        self._period_us = max(map(sub, islice(stamps, 1, None), stamps), default=0)
 
     def descriptors(self) -> tuple[int, ...]:
         """Descriptors that become readable when PX4 connects or sends."""
@@ -215,6 +221,7 @@ OUTPUTS = 16
 HIL_ENABLED = 32  # MAV_MODE_FLAG_HIL_ENABLED
 UNSIMULATED_NS = 5_000_000_000
 BLOCK_S = 0.4  # longest wait of one `advance`
+RUN_ON_WAIT_S = 0.002  # longest wait of one `run_on`
 UNCALLED_S = 3.0
 UNCALLED = "PX4 does not connect to {}: it connects only once, so restart it for each run, with this simulator port"
 _ERROR, _WARNING, _NOTICE = mav.MAV_SEVERITY_ERROR, mav.MAV_SEVERITY_WARNING, mav.MAV_SEVERITY_NOTICE
@@ -227,6 +234,7 @@ class Px4Injector(Injector):
 
     def __init__(self, vehicle: VehicleLink, line: Px4Line | None, unix_s: Callable[[], float] = time.time) -> None:
         self.counts = InjectorCounters()
+        self._advanced_s = 0.0
         self._vehicle = vehicle
         self._line = line
         self._unix_s = unix_s
@@ -247,6 +255,7 @@ class Px4Injector(Injector):
         self._say = say
         self._readings = SensorReadings(lockstep, self._unix_s, solves=False)
         self._updated = 0
+        self._newest: InertialSample | None = None
         self._queue: deque[Message] = deque()
         self._outputs = (0.0,) * OUTPUTS
         self._waited_s = 0.0
@@ -263,7 +272,8 @@ class Px4Injector(Injector):
         sample = self._readings.handle(message)
         if isinstance(sample, ImuMeasurement):
             updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
-            self._send(hil.sensor_message(self._readings.inertial_sample(sample), updated))
+            self._newest = self._readings.inertial_sample(sample)
+            self._send(hil.sensor_message(self._newest, updated))
         elif isinstance(sample, ReceiverFix):
             self._send(hil.gps_message(sample))
         else:
@@ -273,7 +283,8 @@ class Px4Injector(Injector):
     def serve(self, now_ns: int) -> None:
         line = self._line
         if line is not None:
-            self._note(line.receive(0.0))
+            if monotonic() - self._advanced_s > BLOCK_S:  # between runs; in lockstep, `advance` receives during a run
+                self._note(line.receive(0.0))
             self.counts.junk = line.junk
             self.counts.taken = line.connected
             return
@@ -292,19 +303,30 @@ class Px4Injector(Injector):
         if not self._wait_for_connection(line, until_s):
             return False
         queue = self._queue
-        while queue:
-            if not line.settle(until_s):
-                self._note(line.take_received())
-                return False
+        followed = line.settle(until_s)
+        while followed and queue:
             if self._forward(line, queue[0]):
                 queue.popleft()
-                continue
-            self._note(line.receive(0.01))
-            if monotonic() > until_s or not line.connected:
-                return False
-        followed = line.settle(until_s)
+                followed = line.settle(until_s)
+            else:
+                self._note(line.receive(0.01))
+                followed = monotonic() <= until_s and line.connected
         self._note(line.take_received())
+        self._advanced_s = monotonic()
         return followed
+
+    def run_on(self, now_ns: int) -> bool:
+        """Repeat the newest inertial sample until the outputs end, so that PX4 disarms before its log ends."""
+        line, newest = self._line, self._newest
+        if line is None or newest is None or not line.answers:
+            return True
+        settled = line.settle(monotonic() + RUN_ON_WAIT_S)
+        self._note(line.take_received())
+        if not settled:
+            return False
+        return self._forward(
+            line, hil.sensor_message(newest._replace(stamp_ns=now_ns), hil.ACCEL | hil.GYRO), LAST_PATIENCE_S
+        )
 
     def commands(self) -> tuple[float, ...]:
         return self._outputs
@@ -333,14 +355,14 @@ class Px4Injector(Injector):
         else:
             self.counts.unsent += 1
 
-    def _forward(self, line: Px4Line, message: Message) -> bool:
+    def _forward(self, line: Px4Line, message: Message, patience_s: float | None = None) -> bool:
         """Forward a sample. Return False when the line cannot take it now.
 
         A sample not newer than the last one is dropped.
         """
         if line.is_old(message):
             self.counts.unsent += 1
-        elif line.send(message):
+        elif line.send(message, PATIENCE_S if patience_s is None else patience_s):
             self._count(message)
         else:
             return False
@@ -393,11 +415,7 @@ class Px4Injector(Injector):
             if isinstance(message, mav.MAVLink_hil_actuator_controls_message):
                 self.counts.outputs_in += 1
                 armed = message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED
-                self._outputs = (0.0,) * OUTPUTS
-                if armed:  # limited to [-1, 1]; a value that is not finite becomes 0
-                    self._outputs = tuple(
-                        max(-1.0, min(1.0, value)) if math.isfinite(value) else 0.0 for value in message.controls
-                    )
+                self._outputs = tuple(message.controls) if armed else (0.0,) * OUTPUTS
         if line is None:
             return
         if line.restarts > self.counts.restarts:

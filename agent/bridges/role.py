@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from time import monotonic, sleep
 from typing import Callable
 
@@ -46,9 +47,12 @@ class MotorOutputs:
         return tuple(commands)
 
     def commands_from_values(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return the commands for outputs that are already normalised, by channel."""
-        known = len(values)
-        return tuple(max(-1.0, min(1.0, values[n - 1])) if n <= known else 0.0 for n in self.channels)
+        """Return the commands for outputs that are already normalised, by channel.
+
+        They are limited to [-1, 1]. A missing channel and a value that is not finite command 0.
+        """
+        wanted = [values[n - 1] if n <= len(values) else 0.0 for n in self.channels]
+        return tuple([max(-1.0, min(1.0, value)) if isfinite(value) else 0.0 for value in wanted])
 
 
 def updated_pulses_us(message: Message, before: Sequence[int]) -> tuple[int, ...]:

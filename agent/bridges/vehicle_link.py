@@ -41,11 +41,14 @@ RATES_HZ = {
     mav.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     mav.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,  # ArduPilot sends it only while a fence is enabled
 }
-PX4_ATTITUDE_HZ = 50.0
-"""Attitude rate of PX4. Its attitude and position streams are not synchronous as ArduPilot's are.
-
-At this rate an attitude is close to every position.
-"""
+PX4_RATES_HZ = {
+    mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 50.0,  # close to every position: its streams are not synchronous
+    mav.MAVLINK_MSG_ID_SYS_STATUS: 5.0,
+    mav.MAVLINK_MSG_ID_ATTITUDE: 2.0,  # PX4 sends this and the next two 100, 50 and 30 times a second by default
+    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
+    mav.MAVLINK_MSG_ID_ODOMETRY: 2.0,
+}
+"""Rates of PX4 that differ from those of ArduPilot."""
 OUTPUTS_HZ = (50.0, 40.0, 20.0, 10.0)
 """Rates of SERVO_OUTPUT_RAW to try in this order.
 
@@ -255,7 +258,8 @@ class VehicleLink:
         elif message.get_srcSystem() != self.system_id or message.get_srcComponent() != self.component_id:
             return
         if not self.heard and message.autopilot == mav.MAV_AUTOPILOT_PX4:
-            self._streams.set_rate(mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, PX4_ATTITUDE_HZ)
+            for number, rate_hz in PX4_RATES_HZ.items():
+                self._streams.set_rate(number, rate_hz)
             self._streams.leave_out(mav.MAVLINK_MSG_ID_FENCE_STATUS)
         self.heard = True
         self._heard_ns = now_ns

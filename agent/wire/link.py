@@ -47,9 +47,13 @@ class SequenceMonitor:
     Numbers wrap after 256. Of longer losses they show only the remainder, so `lost` is a lower bound until the sender
     reports its count (`heard_total`). That determines the rounds if fewer than 128 frames are then in transit or out of
     order. A sender that restarts adds up to 255 frames that were never sent.
+
+    shares_numbers: two threads of a sender may use one number, as those of PX4 do. Another frame with the last number
+    then means no loss.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shares_numbers: bool = False) -> None:
+        self._shares_numbers = shares_numbers
         self.late = self.repeated = 0
         self._numbers_lost = self._rounds = 0
         self._total = self._ahead = 0
@@ -93,7 +97,7 @@ class SequenceMonitor:
             self.repeated += 1
         elif checks[sequence] is None and gap >= ROUND - SHUFFLED:  # from before the first frame
             self.late += 1
-        else:
+        elif gap < ROUND - 1 or not self._shares_numbers:
             self._numbers_lost += gap
             missing.clear()
             missing.update((sequence - back) & 0xFF for back in range(1, SHUFFLED + 1))
@@ -209,7 +213,7 @@ class Link:
         self._asks_sender = transport.learns_peer or transport.serves_one
         self._foreign = foreign
         self.passed = 0
-        self._sequence = SequenceMonitor()
+        self._sequence = SequenceMonitor(foreign)
         self._sent = self._unsent = self._received = self._bytes_out = self._refused_before = 0
         self._strangers = self._strangers_before = 0
         self._waiting: WaitingMessages | None = None

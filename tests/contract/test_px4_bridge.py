@@ -31,7 +31,7 @@ from xitl_cli.run.links.agent_view import AgentView
 
 DATA = Path(__file__).parents[1] / "data" / "px4"
 RECORDS = list(read_capture(DATA / "mission.xz"))
-TICK_US = 10_000
+SAMPLE_US = 10_000
 FRAMES = 700  # it arms after 400
 ARMED = 128
 
@@ -60,11 +60,12 @@ class Host:
     def port(self) -> int:
         return int(self.node.role.addresses[-1].rpartition(":")[2])
 
-    def exchange(self, patience_s: float = PATIENCE_S) -> Any:
-        """A sample and a tick, asked for again until it is answered."""
+    def exchange(self, patience_s: float = PATIENCE_S, samples: int = 1) -> Any:
+        """Samples and a tick, asked for again until it is answered."""
         self.tick += 1
-        now_us = self.tick * TICK_US
-        self.link.send(mav.MAVLink_xitl_imu_message(now_us, (0.0, 0.0, -0.25), (0.0, 0.0, -9.8), 20.0))
+        now_us = self.tick * samples * SAMPLE_US
+        for stamp_us in range(now_us - (samples - 1) * SAMPLE_US, now_us + 1, SAMPLE_US):
+            self.link.send(mav.MAVLink_xitl_imu_message(stamp_us, (0.0, 0.0, -0.25), (0.0, 0.0, -9.8), 20.0))
         until_s = time.monotonic() + patience_s
         while time.monotonic() < until_s:
             self.link.send(mav.MAVLink_xitl_tick_message(now_us, self.tick))
@@ -137,7 +138,8 @@ def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
 
 
 @pytest.mark.medium
-def test_the_motors_of_a_tick_are_what_px4_put_out_for_its_sample(host: Host) -> None:
+@pytest.mark.parametrize("samples", [1, 2])
+def test_the_motors_of_a_tick_are_what_px4_put_out_for_its_last_sample(host: Host, samples: int) -> None:
     put_out: dict[int, Any] = {}
     for frame, message in captured(OUTPUTS, "HIL_ACTUATOR_CONTROLS"):
         put_out[frame] = message
@@ -145,18 +147,18 @@ def test_the_motors_of_a_tick_are_what_px4_put_out_for_its_sample(host: Host) ->
     assert 300 < first < FRAMES - 200
     compared = 0
     with replaying(host.port) as stamps:
-        for tick in range(1, FRAMES):
-            answer = host.exchange()
-            stamps.wait_for(tick)
+        for sample in range(samples, FRAMES, samples):
+            answer = host.exchange(samples=samples)
+            stamps.wait_for(sample)
             assert answer is not None
-            if tick < first:
+            if sample < first:
                 assert tuple(answer.command[:2]) == (0.0, 0.0)
-            elif tick > first + px4.RHYTHM and tick in put_out:
-                assert put_out[tick].mode & ARMED
-                assert tuple(answer.command[:2]) == pytest.approx(put_out[tick].controls[1::-1], abs=1e-6)
+            elif sample > first + px4.RHYTHM and sample in put_out:
+                assert put_out[sample].mode & ARMED
+                assert tuple(answer.command[:2]) == pytest.approx(put_out[sample].controls[1::-1], abs=1e-6)
                 compared += 1
-    assert compared > 200
-    assert stamps == [px4.FIRST_US + tick * TICK_US for tick in range(1, FRAMES)]
+    assert compared > 200 // samples
+    assert stamps == [px4.FIRST_US + sample * SAMPLE_US for sample in range(1, FRAMES)][: len(stamps)]
 
 
 def test_the_barometer_has_the_bits_with_which_the_real_one_armed() -> None:

@@ -56,6 +56,7 @@ def test_the_mission_in_gusts(xitl: Xitl, tmp_path: Path, seed: int) -> None:
     assert told["estimation"]["heading_rms_deg"] < 2.0
     check_run(told)
     assert (tmp_path / "run" / "autopilot.ulg").read_bytes()[:4] == b"ULog"
+    assert "Disarmed by external command" in (tmp_path / "run" / "autopilot" / "console.txt").read_text()
     assert px4s_in(tmp_path) == []
 
 

@@ -17,6 +17,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Finding, Severity
 from xitl_cli.logs.signals.receivers import gnss_receivers
 from xitl_cli.logs.signals.states import last_parameters, vehicle_kind
+from xitl_cli.plugins.logs.analyses.outputs import driven_outputs
 
 TOPICS = {
     "vehicle_status": "uint8_t arming_state;uint8_t nav_state;uint8_t vehicle_type;bool failsafe;",
@@ -239,3 +240,26 @@ def test_a_slow_barometer_of_a_copter(tmp_path: Path, size_pa: float, named: boo
     rows = [(at, 0, (101_000.0 + (size_pa if at >= 10_000 else 0.0) + at % 7,)) for at in range(0, 20_000, 250)]
     with open_log(made_of(tmp_path, {"vehicle_air_data": ("float baro_pressure_pa;", "f", rows)})) as log:
         assert ("sensors.pressure_step" in findings(log)) is named
+
+
+def test_outputs_have_the_functions_of_px4_and_not_those_of_an_old_ardupilot(tmp_path: Path) -> None:
+    """A simulated rover outputs 900 us without a function and while disarmed; RCn_… of a PX4 are of its receiver."""
+    content = w.head() + w.message_format(
+        "vehicle_status", "uint64_t timestamp;uint8_t arming_state;uint8_t vehicle_type;"
+    )
+    content += w.message_format("actuator_outputs", "uint64_t timestamp;uint32_t noutputs;float[4] output;")
+    whole = {"PWM_MAIN_FUNC1": 101, "PWM_MAIN_FUNC2": 102, "PWM_MAIN_FUNC3": 0, "PWM_MAIN_FUNC4": 201, "CA_R_REV": 1}
+    content += b"".join(w.parameter(name, value) for name, value in whole.items())
+    content += b"".join(
+        w.parameter(f"RC{n}_{end}", us) for n in (1, 3) for end, us in (("MIN", 1100.0), ("MAX", 1900.0))
+    )
+    content += w.subscription(0, "vehicle_status") + w.subscription(1, "actuator_outputs")
+    for at in range(20):
+        us = 1_000_000 + at * 100_000
+        pulses = (2000.0, 1250.0, 900.0, 1000.0) if at >= 10 else (900.0,) * 4
+        content += w.row(0, "Q2B", us, 2 if at >= 10 else 1, 3) + w.row(1, "QI4f", us, 4, *pulses)
+    path = tmp_path / "outputs.ulg"
+    path.write_bytes(content)
+    with open_log(path) as log:
+        found = {output.name: float(output.command[-1]) for output in driven_outputs(log, last_parameters(log))}
+    assert found == {"output 1": 1.0, "output 2": 0.25, "output 4": -1.0}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from agent.bridges.role import MotorOutputs, actuators_message, updated_pulses_us
@@ -29,6 +31,10 @@ def test_nothing_heard_commands_nothing() -> None:
 
 def test_normalised_outputs_are_limited() -> None:
     assert MotorOutputs((2, 1, 5)).commands_from_values([0.25, -3.0]) == (-1.0, 0.25, 0.0)
+
+
+def test_a_normalised_output_that_is_not_finite_commands_nothing() -> None:
+    assert MotorOutputs((1, 2)).commands_from_values([math.nan, math.inf]) == (0.0, 0.0)
 
 
 def servo(port: int, *pulses: int) -> mav.MAVLink_servo_output_raw_message:

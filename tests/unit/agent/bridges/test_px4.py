@@ -172,6 +172,17 @@ def test_what_is_late_is_not_caught_up_while_px4_is_silent(bridge: Bridge) -> No
     assert took_s > 0.9 * 10 * TICK_NS * 1e-9 / px4.PACE
 
 
+def test_after_the_run_px4_gets_samples_until_it_has_disarmed(bridge: Bridge) -> None:
+    with calling(Px4Double(quiet_us=[(200_000, 10_000_000)]), bridge.port) as double:
+        for _ in range(10):
+            assert bridge.tick()
+        for stamp_ns in range(110 * MS, 1110 * MS, 10 * MS):
+            wait_until(lambda stamp_ns=stamp_ns: bridge.injector.run_on(stamp_ns), "PX4 is not served", look_s=0.0)
+        assert FIRST_US + 200_000 < double.clock_us < FIRST_US + 300_000
+        assert double.sensors[-1].xacc == pytest.approx(acceleration_of(100 * MS))
+    assert double.steps_back == 0
+
+
 def test_outputs_end_when_px4_says_that_it_is_disarmed(bridge: Bridge, vehicle: ToldVehicle) -> None:
     """It puts out nothing new then, and what it put out last would stay."""
     with calling(Px4Double(), bridge.port):
@@ -412,9 +423,9 @@ def test_a_board_gets_its_sensors_over_its_mavlink(board: Board) -> None:
 
 
 def test_outputs_of_a_board(board: Board) -> None:
-    controls = [0.5, -0.25, float("nan"), 1.5, *[0.0] * 12]
+    controls = [0.5, -0.25, *[0.0] * 14]
     board.say(board.mav.hil_actuator_controls_encode(1, controls, 128 | CUSTOM_MODE, 0))
-    assert board.injector.commands() == (0.5, -0.25, 0.0, 1.0, *(0.0,) * 12)
+    assert board.injector.commands() == tuple(controls)
     board.say(board.mav.hil_actuator_controls_encode(2, controls, CUSTOM_MODE, 0))
     assert board.injector.commands() == (0.0,) * 16
     assert board.injector.counts.outputs_in == 2

@@ -281,3 +281,19 @@ def test_a_px4_is_asked_for_its_attitude_more_often_than_an_ardupilot(double: Ve
         asked = [m for m in double.heard if m.get_type() == "COMMAND_LONG" and m.command == 511]
         assert {m.param2 for m in asked if m.param1 == mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION} == {1e6 / rate_hz}
     bench.link.close()
+
+
+def test_streams_of_a_px4_that_nothing_needs_are_slowed_down(double: VehicleDouble) -> None:
+    """PX4 sends these 100, 50 and 30 times a second to a companion computer unless it is asked for another rate."""
+    bench = Bench(double.url)
+    assert bench.link.wait_for_line(2.0)
+    bench.link.reset(TickClock(), lambda severity, text: None)
+    double.say(mav.MAVLink_heartbeat_message(10, mav.MAV_AUTOPILOT_PX4, 0, 0, 4, 3))
+    bench.serve(0)
+    for _ in range(6):
+        bench.link.update(0)
+    double.hear()
+    interval_us = {m.param1: m.param2 for m in double.heard if m.get_type() == "COMMAND_LONG" and m.command == 511}
+    for number in (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mav.MAVLINK_MSG_ID_ODOMETRY):
+        assert interval_us[number] == 500_000
+    bench.link.close()

@@ -289,6 +289,15 @@ def test_small_cases(numbers: list[int], expected: tuple[int, int, int]) -> None
     assert counts(heard(numbers)) == expected
 
 
+@pytest.mark.parametrize(("shares_numbers", "lost"), [(True, 0), (False, 255)])
+def test_a_number_that_two_threads_of_a_sender_use_is_no_loss(shares_numbers: bool, lost: int) -> None:
+    """PX4 reads and increments its number before it locks the line."""
+    monitor = SequenceMonitor(shares_numbers)
+    for number, check in ((4, b"a"), (5, b"b"), (5, b"c"), (6, b"d"), (7, b"e")):
+        monitor.note(1, 1, number, check)
+    assert counts(monitor) == (lost, 0, 0)
+
+
 def test_a_number_lost_long_ago_is_not_taken_back() -> None:
     numbers = [0, *range(2, 200), 1 + 256]  # 1 is lost; 257 has the same number on the wire, 57 ahead of 200
     monitor = heard(numbers)

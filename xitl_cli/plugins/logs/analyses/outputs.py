@@ -28,6 +28,7 @@ _AT_END = 0.05  # of the range
 _GROUND_STEERING = 26
 _MOTORS_BOTH_WAYS = ("rover", "sub")
 _FEWEST_MOTORS = 4  # minimum of a copter, on its first outputs
+_PX4_FUNCTION, _PX4_FIRST_MOTOR, _PX4_MOTORS = "PWM_MAIN_FUNC", 101, 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +97,16 @@ def output_channel(
         turns = what.startswith(("steering", "rudder"))
         name, driven = (what, _GROUND_STEERING) if turns else (f"motor {channel}", None)
         return OutputChannel(channel, name, driven, each, each.values, on, True, armed is not None)
-    function = _function(channel, parameters, kind)
-    if function is not None and (function in FIXED_OUTPUTS or function <= 0):
+    px4 = any(name.startswith(_PX4_FUNCTION) for name in parameters)
+    px4_motor = int(parameters.get(f"{_PX4_FUNCTION}{channel}", 0.0)) - _PX4_FIRST_MOTOR if px4 else 0
+    function = None if px4 else _function(channel, parameters, kind)
+    if px4_motor == -_PX4_FIRST_MOTOR or (function is not None and (function in FIXED_OUTPUTS or function <= 0)):
         return None
     pulse = np.where((each.values < _SHORTEST_US) | (each.values > _LONGEST_US), np.nan, each.values)
     if not np.isfinite(pulse).any():
         return None
-    prefix = next((name for name in (f"SERVO{channel}_", f"RC{channel}_") if f"{name}MAX" in parameters), None)
+    prefixes = () if px4 else (f"SERVO{channel}_", f"RC{channel}_")  # RCn_MAX of a PX4 belongs to an input
+    prefix = next((name for name in prefixes if f"{name}MAX" in parameters), None)
     low, high = (parameters.get(f"{prefix}{end}", us) for end, us in zip(("MIN", "MAX"), _USUAL_US, strict=True))
     idles = function in MOTORS and kind not in _MOTORS_BOTH_WAYS
     if idles:
@@ -115,6 +119,9 @@ def output_channel(
     trim = parameters.get(f"{prefix}TRIM")
     if idles or (kind == "plane" and function in THROTTLES and parameters.get("THR_MIN", 0.0) >= 0.0):
         trim = high if turned and not idles else low  # TRIM is not used for these
+    if px4:  # disarmed, its outputs are below the minimum
+        goes_back = px4_motor not in range(_PX4_MOTORS) or int(parameters.get("CA_R_REV", 0.0)) >> px4_motor & 1
+        trim = 0.5 * (low + high) if goes_back else low
     if trim is None or not low <= trim <= high:
         at_rest = pulse[~on & np.isfinite(pulse)]
         trim = float(np.median(at_rest)) if len(at_rest) else 0.5 * (low + high)
