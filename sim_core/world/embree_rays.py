@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy import float32, int16
+from numpy import float32, int16, int32
 
 from sim_core.frames import Array32
 from sim_core.world.geometry import MATERIALS, Mesh, WorldError
@@ -86,8 +86,15 @@ class _Tree:
         self._materials = np.concatenate([*kinds, [-1]]).astype(int16)
         self._scene: Any = None
         if self.triangles:
+            # Each corner once: embreex reads number by number, and most corners belong to six triangles.
+            counts = [len(mesh.vertices_m) for mesh in meshes]
+            firsts = np.cumsum([0, *counts[:-1]])
+            faces = [mesh.faces + first for mesh, first in zip(meshes, firsts, strict=True)]
+            vertices = [mesh.vertices_m for mesh in meshes]
             self._scene = EmbreeScene()
-            self._kept = TriangleMesh(self._scene, np.ascontiguousarray(corners, dtype=float32))
+            self._kept = TriangleMesh(
+                self._scene, np.concatenate(vertices).astype(float32), np.concatenate(faces).astype(int32)
+            )
 
     def cast(self, origin: Array32, direction: Array32, reach_m: Array32 | None = None) -> Hits:
         """Cast rays in the tree's axes; `body` is -1 throughout."""

@@ -116,7 +116,7 @@ def test_bad_clouds_are_refused_and_counted(drive: list) -> None:
 
 
 def test_without_kiss_icp_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "kiss_icp.config", None)
+    monkeypatch.setitem(sys.modules, "kiss_icp.pybind", None)
     with pytest.raises(OdometryError, match=r"pip install 'xitl\[perception\]'"):
         LidarOdometry()
 
