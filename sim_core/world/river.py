@@ -96,9 +96,8 @@ class RiverBed:
 
     def bed_down_m(self, north_east_m: Array) -> Array:
         """See `Bed`."""
-        down: Array = self.water_down_m - self._ground(north_east_m)[0]
-        down = down + np.sin(self._angle(north_east_m)) @ self.amplitude_m
-        return down
+        undulation: Array = np.sin(self._angle(north_east_m)) @ self.amplitude_m
+        return self.water_down_m - self._ground(north_east_m)[0] + undulation
 
     def gradient(self, north_east_m: Array) -> Array:
         """See `Bed`."""
