@@ -109,6 +109,7 @@ class _Tree:
         range_m[triangle < 0] = np.inf
         normal = self._normals.take(triangle, axis=0, mode="wrap")  # -1 is the last row
         away = np.einsum("ij,ij->i", normal, direction) > 0.0
-        if away.any():
-            normal[away] *= -1.0
+        toward = np.where(away, float32(-1.0), float32(1.0))
+        for axis in range(3):  # by columns: numpy is ten times slower for rows of three
+            normal[:, axis] *= toward
         return Hits(range_m, normal, self._materials[triangle], none)
