@@ -84,7 +84,7 @@ class LidarOdometry:
         motion: MotionSource = no_motion,
     ) -> None:
         try:
-            # The compiled part alone: the configuration of the package imports pydantic, for 0.2 s and 20 MB.
+            # The compiled part alone: the configuration of the package imports pydantic, for 0.2 s and 16 MB.
             from kiss_icp.pybind import kiss_icp_pybind  # type: ignore[import-untyped]
         except ImportError as error:
             raise OdometryError(
