@@ -6,6 +6,7 @@ class. The bytes equal those of the generated code, which creates a dozen object
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any, Callable, NamedTuple, Optional, Protocol
 
@@ -115,11 +116,19 @@ def prepare(message: Message) -> Prepared:
     packing = _PACKING[type(message)]
     try:
         payload: bytes = packing.pack(*packing.values(message))
-    except (struct.error, OverflowError, TypeError, IndexError) as error:
+    except (struct.error, OverflowError, TypeError, ValueError, IndexError) as error:
         raise MessageRefusedError(
             f"{message.get_type()}: a field does not fit the wire ({error}); check its value and length"
         ) from error
     return message, payload.rstrip(b"\0") or payload[:1]  # trailing zeros are not sent, except the first byte
+
+
+def _octets(value: Any, count: int) -> bytes:
+    """Return the first `count` values of an array of uint8_t, as the bytes that they are on the wire."""
+    octets = value[:count] if isinstance(value, bytes) else bytes(list(value[:count]))
+    if len(octets) != count:
+        raise IndexError(f"{len(octets)} values for an array of {count}")
+    return octets
 
 
 class _Packing(NamedTuple):
@@ -140,10 +149,17 @@ def _packing(kind: Any) -> _Packing:
         index = kind.fieldnames.index(name)
         is_text = kind.fieldtypes[index] == "char" and kind.array_lengths[kind.orders[index]]
         value = f"message._{name}_raw" if is_text else f"message.{name}"  # without `_raw`, a text is decoded
-        items.append(value if count == 1 else f"*{value}[:{count}]")
+        if count > 1:
+            value = f"_octets({value}, {count})" if kind.fieldtypes[index] == "uint8_t" else f"*{value}[:{count}]"
+        items.append(value)
     mavlink1_bytes = dialect.MAVLINK1_PAYLOAD_BYTES.get(kind.id, kind.unpacker.size)
     number, crc_extra = kind.id.to_bytes(3, "little"), bytes([kind.crc_extra])
-    return _Packing(number, crc_extra, kind.unpacker.pack, _function("message", items), mavlink1_bytes)
+    return _Packing(number, crc_extra, _wire_format(kind).pack, _function("message", items), mavlink1_bytes)
+
+
+def _wire_format(kind: Any) -> struct.Struct:
+    """Return the format of a payload with each array of uint8_t as one value: a chunk of a cloud has 225 of them."""
+    return struct.Struct(re.sub(r"(\d+)B", r"\1s", kind.unpacker.format))
 
 
 def _function(argument: str, items: list[str]) -> Callable[[Any], Any]:
@@ -172,12 +188,16 @@ class _Plans(dict[int, Plan]):
 
     def __missing__(self, number: int) -> Plan:
         kind: Any = dialect.mavlink_map[number]
-        steps = [(sum(kind.lengths[:order]), kind.lengths[order]) for order in kind.orders]
-        arrange = None
-        if any(step != (index, 1) for index, step in enumerate(steps)):
-            items = [f"v[{start}]" if count == 1 else f"list(v[{start}:{start + count}])" for start, count in steps]
-            arrange = _function("v", items)
-        plan = self[number] = (kind, kind.unpacker.unpack, kind.unpacker.size, arrange)
+        types = [kind.fieldtypes[kind.orders.index(order)] for order in range(len(kind.lengths))]
+        octets = [of == "uint8_t" and count > 1 for of, count in zip(types, kind.lengths)]
+        sizes = [1 if whole else count for whole, count in zip(octets, kind.lengths)]
+        items = []
+        for order in kind.orders:
+            start, count = sum(sizes[:order]), sizes[order]
+            value = f"v[{start}]" if count == 1 else f"list(v[{start}:{start + count}])"
+            items.append(f"list({value})" if octets[order] else value)
+        arrange = None if items == [f"v[{index}]" for index in range(len(items))] else _function("v", items)
+        plan = self[number] = (kind, _wire_format(kind).unpack, kind.unpacker.size, arrange)
         return plan
 
 

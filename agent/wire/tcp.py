@@ -19,6 +19,7 @@ from agent.wire.urls import Address, address_url, bind_to_interface, interface_n
 
 BUFFER_BYTES = 1 << 16  # limit of unread bytes at the other end: a second or two of telemetry, not minutes
 CHUNK_BYTES = 1 << 16
+SENT_BYTES = 1 << 14  # at once: a stream has no datagrams, and a cloud of 40 kB in such of UDP is thirty system calls
 CHUNKS = 16  # per receive(), so that a flood does not block the caller
 RETRY_S = 0.5
 WAITING = 16  # connections that the system holds until they are accepted
@@ -109,6 +110,7 @@ class TcpTransport(Transport):
     name = "tcp"
     stream = True
     lossless = True
+    datagram_bytes = SENT_BYTES
     chunks = CHUNKS
     """Limit of one `receive`, also in `chunk_bytes`. The rest waits in the system's buffer."""
     chunk_bytes = CHUNK_BYTES

@@ -139,7 +139,8 @@ class WaterSeen:
         """
         rays, components = len(place_ned_m), self.to_phase.shape[1]
         from_there = np.empty((rays, 4), float32)
-        np.subtract(place_ned_m[:, :2], self.middle_ne_m, out=from_there[:, :2])
+        for axis in range(2):  # by columns: numpy is ten times slower for rows of two
+            np.subtract(place_ned_m[:, axis], self.middle_ne_m[axis], out=from_there[:, axis])
         from_there[:, 2] = later_s
         from_there[:, 3] = 1.0
         surface = np.empty((rays, 3), float32)

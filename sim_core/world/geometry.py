@@ -87,8 +87,13 @@ def box(size_m: tuple[float, float, float], material: Material) -> Mesh:
 
 def cylinder(radius_m: float, length_m: float, material: Material, sides: int = 16) -> Mesh:
     """Return a cylinder along x. Flat sides lie inside the true cylinder by up to radius (1 - cos(pi / sides))."""
-    half = length_m / 2
-    return revolved((-half, -half, half, half), (0.0, radius_m, radius_m, 0.0), material, sides)
+    unit = _unit_cylinder(material, sides)
+    return Mesh(unit.vertices_m * np.array([length_m, radius_m, radius_m]), unit.faces, material)
+
+
+@lru_cache(maxsize=16)  # the banks of a river have hundreds of trees and rocks of a few shapes
+def _unit_cylinder(material: Material, sides: int) -> Mesh:
+    return revolved((-0.5, -0.5, 0.5, 0.5), (0.0, 1.0, 1.0, 0.0), material, sides)
 
 
 def sphere(radius_m: float, material: Material, sides: int = 16, rings: int = 8) -> Mesh:
@@ -98,11 +103,16 @@ def sphere(radius_m: float, material: Material, sides: int = 16, rings: int = 8)
 
 def ellipsoid(radii_m: tuple[float, float, float], material: Material, sides: int = 16, rings: int = 8) -> Mesh:
     """Return an ellipsoid of radii_m along x, y and z; rings: from pole to pole along x."""
+    unit = _unit_sphere(material, sides, rings)
+    return Mesh(unit.vertices_m * np.asarray(radii_m), unit.faces, material)
+
+
+@lru_cache(maxsize=16)
+def _unit_sphere(material: Material, sides: int, rings: int) -> Mesh:
     turn = np.linspace(0.0, math.pi, rings + 1)
     radius = np.sin(turn)
     radius[[0, -1]] = 0.0
-    unit = revolved(-np.cos(turn), radius, material, sides)
-    return Mesh(unit.vertices_m * np.asarray(radii_m), unit.faces, material)
+    return revolved(-np.cos(turn), radius, material, sides)
 
 
 def revolved(x_m: ArrayLike, radius_m: ArrayLike, material: Material, sides: int = 16) -> Mesh:

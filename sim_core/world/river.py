@@ -96,11 +96,15 @@ class RiverBed:
 
     def bed_down_m(self, north_east_m: Array) -> Array:
         """See `Bed`."""
-        return self._shape(north_east_m)[0]
+        undulation: Array = np.sin(self._angle(north_east_m)) @ self.amplitude_m
+        return self.water_down_m - self._ground(north_east_m)[0] + undulation
 
     def gradient(self, north_east_m: Array) -> Array:
         """See `Bed`."""
-        return self._shape(north_east_m)[1]
+        gradient: Array = (np.cos(self._angle(north_east_m)) * self.amplitude_m) @ self.wave_vector_radpm
+        across = np.array([-math.sin(self.direction_rad), math.cos(self.direction_rad)])
+        gradient += self._ground(north_east_m)[1][..., None] * across
+        return gradient
 
     def place_ne_m(self, along_m: Array, right_m: Array) -> Array:
         """Return the (..., 2) places at distances along the channel and to the right of its middle."""
@@ -136,20 +140,19 @@ class RiverBed:
             if chosen.any()
         ]
 
-    def _shape(self, place: Array) -> tuple[Array, Array]:
-        """Return the depth below the origin, and its gradient."""
+    def _ground(self, place: Array) -> tuple[Array, Array]:
+        """Return the height above the water without the undulation, and its slope to the right."""
         north, east = place[..., 0] - self.spec.through_ne_m[0], place[..., 1] - self.spec.through_ne_m[1]
-        cosine, sine = math.cos(self.direction_rad), math.sin(self.direction_rad)
-        right = cosine * east - sine * north
+        right = math.cos(self.direction_rad) * east - math.sin(self.direction_rad) * north
         bank = self.spec.bank_slope * (self.spec.width_m / 2 - np.abs(right))
         bed, bed_slope = _lesser(bank, self.spec.depth_m)
         ground, ground_slope = _lesser(-bed, self.spec.bank_height_m)
-        slope = bed_slope * ground_slope * self.spec.bank_slope * -np.sign(right)
-        angle = place @ self.wave_vector_radpm.T + self.phase_rad
-        down = self.water_down_m - ground + np.sin(angle) @ self.amplitude_m
-        gradient = (np.cos(angle) * self.amplitude_m) @ self.wave_vector_radpm
-        gradient += slope[..., None] * np.array([-sine, cosine])
-        return down, gradient
+        return ground, bed_slope * ground_slope * self.spec.bank_slope * -np.sign(right)
+
+    def _angle(self, place: Array) -> Array:
+        """Return the (..., K) phases of the undulation."""
+        angle: Array = place @ self.wave_vector_radpm.T + self.phase_rad
+        return angle
 
 
 def _lesser(value: Array, most: float) -> tuple[Array, Array]:

@@ -18,6 +18,7 @@ from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from agent.wire.tcp import TcpAccepted, TcpListener
 from agent.wire.transport import (
+    DATAGRAM_BYTES,
     AddressInUseError,
     AddressUnavailableError,
     BadUrlError,
@@ -325,6 +326,28 @@ def test_tcp_a_link_that_waits_for_room_loses_nothing_to_a_reader_that_is_busy(p
         heard += len(reader.receive(0.5))
         assert sender.counters.unsent == 80_000 - heard
         assert (heard == 80_000) == patient
+
+
+def test_tcp_the_frames_of_a_cloud_share_system_calls() -> None:
+    listening, calling = tcp_pair()
+    with listening, calling:
+        sender, reader = Link(calling, 1, 1), Link(listening, 2, 1)
+        assert sender.send(status(b"hello"))
+        assert len(reader.receive(PATIENCE_S)) == 1
+        sizes: list[int] = []
+        send = calling.send
+
+        def counted(data: bytes) -> bool:
+            sizes.append(len(data))
+            return send(data)
+
+        calling.send = counted  # type: ignore[method-assign]
+        assert sender.send(*[status(b"x" * 50) for _ in range(500)])
+        assert len(sizes) <= 3 < sum(sizes) // DATAGRAM_BYTES
+        heard = 0
+        while heard < 500 and (messages := reader.receive(PATIENCE_S)):
+            heard += len(messages)
+        assert heard == 500
 
 
 def test_tcp_waiting_for_room_has_an_end_and_needs_a_peer() -> None:

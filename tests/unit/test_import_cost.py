@@ -42,6 +42,20 @@ def test_nothing_heavy_is_loaded_beforehand(loading: str, allowed: set[str]) -> 
     assert set(told.stdout.split()) <= allowed
 
 
+@pytest.mark.medium
+def test_the_results_of_a_companion_need_none_of_its_algorithms() -> None:
+    program = "import xitl_cli.run.nodes.findings\nimport sys\nprint(*sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert {"agent.companion.odometry", "agent.companion.tracking"}.isdisjoint(ran.stdout.split())
+
+
+@pytest.mark.medium
+def test_an_agent_collects_garbage_seldom() -> None:
+    program = "import gc\nfrom agent.__main__ import main\nmain(['--link', 'nowhere://'])\nprint(gc.get_threshold()[0])"
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert int(ran.stdout.split()[-1]) >= 10_000, ran.stderr
+
+
 OWN = ("agent", "sim_core", "xitl_cli")
 NOT_IN_SITL = (
     "agent.companion.settings",

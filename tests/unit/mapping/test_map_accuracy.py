@@ -14,7 +14,7 @@ from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory, umeyama
 from xitl_cli.mapping.accuracy import apart, boom_section, matched, perception_sections
 from xitl_cli.mapping.clouds import SeenPoints, at
-from xitl_cli.mapping.rebuild import write_tum
+from xitl_cli.mapping.map_files import write_tum
 
 NOTHING = SeenPoints(np.empty((0, 3), np.float32), np.empty(0, np.int64))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from xitl_cli.mapping.rebuild import points_of, write_map
+from xitl_cli.mapping.map_files import points_of, write_map
 
 
 def some(count: int = 500) -> tuple[np.ndarray, np.ndarray]:

@@ -26,7 +26,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.mapping.accuracy import perception_sections
 from xitl_cli.mapping.clouds import SeenPoints
-from xitl_cli.mapping.rebuild import points_of, write_map, write_tum
+from xitl_cli.mapping.map_files import points_of, write_map, write_tum
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MAP_SOURCES, MapSource

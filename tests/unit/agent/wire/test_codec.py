@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import struct
+from array import array
 from pathlib import Path
 from typing import Any
 
@@ -115,10 +116,26 @@ def test_the_sequence_wraps_and_does_not_move_when_a_message_is_refused() -> Non
         dialect.MAVLink_xitl_imu_message(0, [0.0, 0.0], [0.0, 0.0, 0.0], 0.0),
         dialect.MAVLink_xitl_imu_message(0, [1e300, 0.0, 0.0], [0.0, 0.0, 0.0], 0.0),
         dialect.MAVLink_xitl_magnetometer_message(0, None),
+        cloud_chunk(bytes(224)),
+        cloud_chunk([256] * 225),
+        cloud_chunk([0.5] * 225),
+        cloud_chunk(225),
     ):
         with pytest.raises(MessageRefusedError, match=f"{bad.get_type()}: a field does not fit the wire"):
             packer.pack(bad)
     assert packer.sequence == 300 % 256
+
+
+def cloud_chunk(points: Any) -> Any:
+    return dialect.MAVLink_xitl_cloud_message(0, (0.0, 0.0, 0.0), 1, 0, 1, dialect.XITL_CLOUD_KIND_LIDAR, 25, points)
+
+
+def test_an_array_of_bytes_may_be_any_sequence_of_whole_numbers() -> None:
+    values = [(7 * index) % 256 for index in range(225)]
+    kinds = (values, tuple(values), bytes(values), bytearray(values), array("B", values), array("H", values))
+    frames = {Packer(1, 1).pack(cloud_chunk(kind)) for kind in kinds}
+    assert len(frames) == 1
+    assert decode(frames.pop()).points == values
 
 
 def test_a_message_is_prepared_as_it_is_now_and_stays_as_it_is() -> None:
