@@ -38,9 +38,6 @@ None if unknown.
 LONGEST_CLOUD_S = 1.0
 """A point with a later offset is invalid."""
 
-_MAP_POINTS = 20  # in a cell of the local map; this and the next as in the package
-_CONVERGED = 1e-4  # step of the registration in m and rad after which it ends
-
 
 def no_motion(before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion | None:
     """Motion source of an odometry from clouds alone."""
@@ -84,16 +81,22 @@ class LidarOdometry:
         motion: MotionSource = no_motion,
     ) -> None:
         try:
-            # The compiled part alone: the configuration of the package imports pydantic, for 0.2 s and 16 MB.
-            from kiss_icp.pybind import kiss_icp_pybind  # type: ignore[import-untyped]
+            from kiss_icp.config import KISSConfig  # type: ignore[import-untyped]
+            from kiss_icp.mapping import get_voxel_hash_map  # type: ignore[import-untyped]
+            from kiss_icp.registration import get_registration  # type: ignore[import-untyped]
+            from kiss_icp.voxelization import voxel_down_sample  # type: ignore[import-untyped]
         except ImportError as error:
             raise OdometryError(
                 f"the odometry needs KISS-ICP, which cannot be loaded ({error}); pip install 'xitl[perception]'"
             ) from error
-        self._kiss_icp: Any = kiss_icp_pybind
-        self._new_map: Callable[[], Any] = lambda: kiss_icp_pybind._VoxelHashMap(voxel_m, max_range_m, _MAP_POINTS)
-        # One thread: a fixed order of sums, and the other core is for the simulation.
-        self._registration: Any = kiss_icp_pybind._Registration(TUNED.icp_iterations, _CONVERGED, 1)
+        config = KISSConfig()
+        config.data.max_range, config.data.min_range = max_range_m, min_range_m
+        config.mapping.voxel_size = voxel_m
+        config.registration.max_num_iterations = TUNED.icp_iterations
+        config.registration.max_num_threads = 1  # fixed order of sums; the other core is for the simulation
+        self._new_map: Callable[[], Any] = lambda: get_voxel_hash_map(config)
+        self._down_sample: Any = voxel_down_sample
+        self._registration: Any = get_registration(config)
         self._local_map = self._new_map()
         self._voxel_m = voxel_m
         self._range_m = (min_range_m, max_range_m)
@@ -174,7 +177,7 @@ class LidarOdometry:
         self._end_ns, self._state = end_ns, self._filter.hold_level(corrected, motion)
         cell_m, water_cell_m = TUNED.map_voxel_share * self._voxel_m, TUNED.map_water_voxel_share * self._voxel_m
         thinned = np.concatenate([self._down_sample(solid, cell_m), self._down_sample(water, water_cell_m)])
-        self._update_map(thinned, self._state.pose_odom)
+        self._local_map.update(thinned, self._state.pose_odom)
         self._refused_in_a_row = 0
         self.poses += 1
 
@@ -193,20 +196,14 @@ class LidarOdometry:
     def _align(self, thinned: Array, water: Array, guess: Array) -> Array:
         """Align a cloud with the local map by ICP from a guess (4, 4). Return its pose (4, 4)."""
         thinned_water = self._down_sample(water, TUNED.icp_water_voxel_share * self._voxel_m)
-        points = self._kiss_icp._Vector3dVector(np.concatenate([thinned, thinned_water]))
-        most_m = 3.0 * TUNED.icp_threshold_m
-        pose: Array = self._registration._align_points_to_map(
-            points, self._local_map, guess, most_m, TUNED.icp_threshold_m
+        pose: Array = self._registration.align_points_to_map(
+            points=np.concatenate([thinned, thinned_water]),
+            voxel_map=self._local_map,
+            initial_guess=guess,
+            max_correspondance_distance=3.0 * TUNED.icp_threshold_m,
+            kernel=TUNED.icp_threshold_m,
         )
         return pose
-
-    def _down_sample(self, points: Array, cell_m: float) -> Array:
-        """Return one of the points in each cell."""
-        return np.asarray(self._kiss_icp._voxel_down_sample(self._kiss_icp._Vector3dVector(points), cell_m))
-
-    def _update_map(self, points: Array, pose: Array) -> None:
-        """Add points of a cloud at its pose to the local map."""
-        self._local_map._update(self._kiss_icp._Vector3dVector(points), pose)
 
     def _refuse(self, end_ns: int, predicted: OdometryFilterState, motion: AutopilotMotion | None) -> None:
         """Refuse a cloud that does not determine the pose. The autopilot's motion propagates the state."""
@@ -230,4 +227,4 @@ class LidarOdometry:
             if motion is None:
                 self._end_ns, self._state = end_ns, predicted
             assert self._state is not None
-            self._update_map(solid, self._state.pose_odom)
+            self._local_map.update(solid, self._state.pose_odom)
