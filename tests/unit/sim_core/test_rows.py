@@ -16,7 +16,7 @@ from sim_core.environment.spec import CurrentSpec, DiscreteGust, GustSpec, WaveS
 from sim_core.environment.waves import realise_waves
 from sim_core.environment.wind import make_wind
 from sim_core.frames import Array
-from sim_core.rows import with_rows
+from sim_core.rows import row_of, with_rows
 from sim_core.simulation import Simulation, SimulationState
 
 GUST = DiscreteGust(start_s=0.2, rise_s=0.1, hold_s=0.2, fall_s=0.1, speed_mps=6.0)
@@ -137,3 +137,13 @@ def test_discrete_gusts_count_from_the_restart_of_each_vessel() -> None:
     state = advanced(simulation, state, 168)  # the held wind is of 0.4 s after the restart
     assert state.wind_ned_mps[1, 0] == pytest.approx(blowing)
     assert state.wind_ned_mps[0, 0] == pytest.approx(blowing * 5.0 / 11.0)
+
+
+def test_the_row_of_one_vessel_keeps_what_all_share() -> None:
+    shared = np.array([[7.0, 8.0]])
+    alone = row_of(Outer(Inner(np.arange(4.0)), shared, np.arange(8.0).reshape(4, 2), 7), 2)
+    assert alone.inner.values.tolist() == [2.0]
+    assert alone.matrix is shared
+    assert alone.nothing is not None
+    assert alone.nothing.tolist() == [[4.0, 5.0]]
+    assert (alone.inner.text, alone.time_ns) == ("now", 7)
