@@ -89,6 +89,11 @@ def test_a_machine_without_a_compiler_runs_the_kernel_of_the_wheel(
     assert np.isfinite(results_of(load_kernel())).all()
 
 
+def test_wheels_and_first_runs_compile_with_the_same_flags() -> None:
+    here = set(library._FLAGS) - {"-march=native", "-shared"}
+    assert set(kernel_hook.FLAGS) - {"-g0"} == here
+
+
 def hook() -> KernelHook:
     return KernelHook(str(ROOT), {}, None, None, "", "wheel")
 
