@@ -82,14 +82,14 @@ class _Room:
 def _new_results(rows: int, shapes: Sequence[tuple[int, ...]]) -> Iterator[Results]:
     """Yield new arrays for the results of N rows. Small ones are parts of one, which costs less."""
     ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
-    bent = [number for number, shape in enumerate(shapes) if len(shape) != 1]
+    reshaped = [number for number, shape in enumerate(shapes) if len(shape) != 1]
     parts = max(_PARTS // rows, 1)
     while True:
         block = np.empty((parts, rows, ends[-1]))
         size = block.itemsize * rows * ends[-1]
         addresses = range(block.ctypes.data, block.ctypes.data + parts * size, size)
         outputs = [block[:, :, start:end] for start, end in pairwise([0, *ends])]
-        for number in bent:
+        for number in reshaped:
             outputs[number] = outputs[number].reshape(parts, rows, *shapes[number])
         yield from zip(block, addresses, *outputs, strict=True)
 
