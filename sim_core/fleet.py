@@ -12,12 +12,13 @@ once for all vessels. Waves, and a current across a channel, depend on each vess
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.random import Generator
 
 from sim_core import simulation as simulations
+from sim_core.dataclass import dataclass
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
 from sim_core.environment.waves import HullSurface

@@ -6,10 +6,11 @@ Constants and formulas: NIMA TR8350.2, Department of Defense World Geodetic Syst
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 
 GeodeticPoint = tuple[float, float, float]

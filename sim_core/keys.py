@@ -15,10 +15,11 @@ import dataclasses
 import difflib
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
+
+from sim_core.dataclass import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

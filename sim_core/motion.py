@@ -7,11 +7,12 @@ rounding. The physics is in `move` and the functions that it calls, and nowhere 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.waves import HullSurface, HullWaves, StillHull
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics

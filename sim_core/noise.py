@@ -10,13 +10,13 @@ The standard deviation is then sigma and the autocorrelation exp(-lag / tau) for
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import float64
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 
 # The Allan variance of a first-order Gauss-Markov process with deviation s and correlation time Tc is, x = tau/Tc,

@@ -8,11 +8,12 @@ state = step(simulation, state, command, rng)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
 from sim_core.environment.waves import FlatWater, HullSurface, HullWaves, StillHull, WaveField

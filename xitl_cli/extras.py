@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from importlib.util import find_spec
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 
 

@@ -6,9 +6,10 @@ import os
 import re
 import socket
 from collections.abc import Callable
-from dataclasses import dataclass
 from ipaddress import ip_address
 from urllib.parse import urlsplit
+
+from sim_core.dataclass import dataclass
 
 HEAD_BYTES = 16_384
 """Longest head of a request."""

@@ -14,9 +14,10 @@ V and u of this module are combinations of the mean longitudes of moon and sun (
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Literal
+
+from sim_core.dataclass import dataclass
 
 Node = Literal["none", "M2", "O1", "K1", "K2", "J1", "OO1", "M3", "L2", "M1", "MM", "MF"]
 

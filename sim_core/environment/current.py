@@ -8,12 +8,13 @@ The state of a current is the (N,) deviation of its speed from the mean.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import CurrentSpec
 from sim_core.frames import Array
 from sim_core.noise import GaussMarkov

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.current import Current, StillWater, make_current
 from sim_core.environment.spec import EnvironmentSpec, Water
 from sim_core.environment.tide import NO_TIDE, Tide, make_tide

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.tide_spec import TidalStreamSpec, TideSpec, problem_of_instant
 from sim_core.keys import (
     Bounds,

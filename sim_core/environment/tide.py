@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.constituents import CONSTITUENTS, Arguments
 from sim_core.environment.current import bank_share
 from sim_core.environment.spec import CurrentSpec, EnvironmentSpec

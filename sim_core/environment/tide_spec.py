@@ -5,10 +5,10 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.constituents import CONSTITUENTS
 from sim_core.keys import (
     Bounds,

@@ -13,11 +13,12 @@ keeps its components. No intermediate value exceeds both environments. Parts tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.current import Current
 from sim_core.environment.environment import Environment, EnvironmentState
 from sim_core.environment.waves import FlatWater, WaveField

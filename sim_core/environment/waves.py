@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from functools import lru_cache
 from itertools import permutations
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ from numpy import intp
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec, WaveWall
 from sim_core.frames import Array, ComplexArray
 from sim_core.state_class import state_class
@@ -373,14 +375,21 @@ class Rung(NamedTuple):
 _EQUAL_DECIMALS = 10  # of steps in metres
 
 
-def ladder(places_m: Array) -> tuple[list[Rung], Array]:
+def ladder(places_m: Array) -> tuple[tuple[Rung, ...], Array]:
     """Return points (P, 3) in rungs, and the steps (T, 3) between them. The points of the first rung have no step.
 
     A step is worth its own cosines when it leads to two points or more.
     """
+    return _ladder(tuple(map(tuple, places_m.tolist())))
+
+
+@lru_cache(maxsize=8)  # the response of a hull needs that of its points for each frequency
+def _ladder(places: tuple[tuple[float, ...], ...]) -> tuple[tuple[Rung, ...], Array]:
+    places_m = np.array(places).reshape(-1, 3)
+    differences = np.round(places_m[None] - places_m[:, None], _EQUAL_DECIMALS).tolist()  # [base][point]
     pairs: dict[tuple[float, ...], dict[int, int]] = {}  # for each difference, the point that it leads to, and from
-    for base, point in permutations(range(len(places_m)), 2):
-        difference = tuple(np.round(places_m[point] - places_m[base], _EQUAL_DECIMALS).tolist())
+    for base, point in permutations(range(len(places)), 2):
+        difference = tuple(differences[base][point])
         if difference > (0.0, 0.0, 0.0):
             pairs.setdefault(difference, {})[point] = base
     bases: dict[int, int] = {}
@@ -401,7 +410,7 @@ def ladder(places_m: Array) -> tuple[list[Rung], Array]:
         rungs.append(
             Rung(rung, [rungs[-1].points.index(bases[point]) for point in rung], [step_to[point] for point in rung])
         )
-    return rungs, np.array(steps).reshape(-1, 3)
+    return tuple(rungs), np.array(steps).reshape(-1, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -459,7 +468,7 @@ class HullWaves:
             turns_per_m=waves.wave_vector_radpm.T / turn,
             turns_per_s=waves.apparent_omega_radps / turn,
             turns=waves.phase_rad / turn,
-            rungs=tuple(rungs),
+            rungs=rungs,
             lever=np.einsum("wi,sj->ijsw", waves.wave_vector_radpm, direct_frd_m).reshape(6, -1),
             of_cosines=np.column_stack([vertical_m, -vertical_m * omega**2, horizontal * waves.drift_mps]),
             of_sines=np.column_stack(

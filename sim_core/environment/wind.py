@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 import numpy as np
 from numpy import float32
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import DiscreteGust, WindSpec
 from sim_core.frames import Array
 from sim_core.noise import GaussMarkov

@@ -6,12 +6,13 @@ geometric altitude (16 cm at 1 km) is neglected.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated
 
 import numpy as np
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.keys import Bounds, Positive, check_values
 from sim_core.kinematics import Kinematics

@@ -6,9 +6,9 @@ The optical axes of a camera are x right, y down and z ahead, as in OpenCV and R
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import (
     Bounds,
     Direction,

@@ -8,10 +8,10 @@ Brandt 2006, equidistant, with four coefficients).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.sensors.camera_spec import LensSpec
 

@@ -14,13 +14,14 @@ prisms add as vectors (Risley prisms, Marshall 1999, "Risley prism scan patterns
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 from numpy import float32, int64, uint8
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, Array32, euler_to_quat, quat_to_matrix
 from sim_core.keys import Share, check_values
 from sim_core.sensors.optics import Atmosphere, WaterSeen, through_surface

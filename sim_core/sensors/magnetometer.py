@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 
 import numpy as np
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.keys import check_values
 from sim_core.kinematics import Kinematics

@@ -6,10 +6,10 @@ Lever arms are constant matrices on rows of the body's motion.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 
 _FIRST = np.kron(np.eye(3), np.ones((1, 3)))

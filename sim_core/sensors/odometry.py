@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, euler_to_quat, quat_conjugate, quat_multiply, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.spec import OdometrySpec

@@ -6,13 +6,13 @@ The sum of the waves is in single precision about one place and instant, because
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import float32, float64
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.environment import Environment
 from sim_core.environment.waves import WaveField
 from sim_core.frames import Array32

@@ -19,7 +19,7 @@ attitude that of each spoke. Not modelled: Doppler, interference, echoes of earl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -27,6 +27,7 @@ from numpy import complex64, float32, float64, uint8
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, Array32
 from sim_core.sensors.lidar import BodyTrack
 from sim_core.sensors.radar_clutter import (

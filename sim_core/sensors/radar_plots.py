@@ -12,12 +12,12 @@ freedom, and T is its quantile for the false-alarm rate. Rayleigh clutter is the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.sensors.radar import FIRST_ANGLE_RAD, MarineRadar
 

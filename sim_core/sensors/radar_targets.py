@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.world.geometry import MATERIALS, Mesh
 

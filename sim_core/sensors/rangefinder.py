@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.random import Generator
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.keys import check_values
 from sim_core.kinematics import Kinematics

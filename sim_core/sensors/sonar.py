@@ -16,7 +16,7 @@ with backscatter s and absorption a. Speckle makes the amplitude of every sample
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from numpy import float64, uint8
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.sensors.spec import SonarSpec
 from sim_core.world.geometry import MATERIALS

@@ -7,9 +7,9 @@ Positions are from the body origin. Correlated errors are first-order Gauss-Mark
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import (
     Bounds,
     Direction,

@@ -12,7 +12,6 @@ nothing. An operation that needs the values themselves, such as a branch, raises
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, Never
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy import float64, int64
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 
 Numbers = NDArray[int64]

@@ -7,9 +7,9 @@ rudders, so that fleets, held vessels and recordings treat it in the same way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Specification
 
 if TYPE_CHECKING:

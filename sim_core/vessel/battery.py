@@ -12,10 +12,9 @@ same charge and current. Without a fault, the share is exactly 1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.state_class import state_class
 from sim_core.vessel.spec import BatterySpec, VesselSpec

@@ -16,10 +16,11 @@ nothing.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import FlatWater, HullSurface
 from sim_core.frames import Array

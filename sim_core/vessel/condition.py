@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.vessel.battery import BatteryCondition
 from sim_core.vessel.spec import VesselSpec

@@ -19,10 +19,10 @@ docs/vessel.md has their range.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.frames import Array
 from sim_core.vessel.floating import FloatingPose

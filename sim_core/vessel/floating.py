@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.frames import Array
 from sim_core.keys import SpecificationError

@@ -19,12 +19,13 @@ docs/vessel.md has all terms, and the force at a blunt stern.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 
 import numpy as np
 from numpy import intp
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.vessel.confined_water import ConfinedWater, Squat
 from sim_core.vessel.derivatives import Derivative, parse_derivative

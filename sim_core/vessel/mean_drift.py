@@ -16,10 +16,10 @@ Beukelman 1972), and it meets more of the reflected waves.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.environment.waves import FeltWaves, HullSurface, WaveField
 from sim_core.frames import Array

@@ -8,7 +8,6 @@ at the origin.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 from numpy import intp
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, ComplexArray
 from sim_core.keys import SpecificationError
 from sim_core.vessel.spec import VesselSpec

@@ -19,13 +19,13 @@ does not have, and adds the actuators of packages.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy import intp
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.vessel.actuators import Actuator, ActuatorError

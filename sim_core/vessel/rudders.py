@@ -20,12 +20,12 @@ of advance in the direction of the thrust. An opposite speed of advance counts a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import intp
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.vessel.spec import VesselSpec

@@ -16,11 +16,11 @@ motion of a free vessel at rest in waves is then that of the tables, at any freq
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import complex128
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.environment.waves import FeltWaves, WaveField
 from sim_core.frames import Array, ComplexArray

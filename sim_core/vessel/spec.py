@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, field, fields
+from dataclasses import astuple, field, fields
 from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import (
     Bounds,
     Items,

@@ -28,13 +28,13 @@ terms of u alone, which are thrust less resistance, are changed so that the resi
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy import intp
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.vessel.rudders import PLATE_NORMAL_FORCE, STALL_WIDTH_RAD
 from sim_core.vessel.spec import VesselSpec

@@ -8,9 +8,9 @@ linear in u.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Bounds, NonNegative, Positive, Share, Specification, SpecificationError
 
 MOST_FACTORS = 5

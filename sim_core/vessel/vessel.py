@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import FLAT_WATER, FeltWaves, FlatWater, HullSurface, StillHull, WaveField
 from sim_core.frames import Array, ComplexArray, euler_to_quat, quat_to_matrix

@@ -7,10 +7,9 @@ would push a free vessel against the waves. `mean_drift` gives the mean force. d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.environment.waves import HullSurface, StillHull
 from sim_core.frames import Array

@@ -8,10 +8,9 @@ at the height of the areas' centre and causes heel and trim moments: K = -z Y, M
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.vessel.spec import VesselSpec
 

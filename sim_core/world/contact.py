@@ -11,10 +11,10 @@ objects near a vessel.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.spec import VesselSpec

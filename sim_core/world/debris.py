@@ -21,7 +21,7 @@ below the water. A mooring is a line that becomes taut at a distance from its an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum
 from functools import lru_cache
 from itertools import pairwise
@@ -30,6 +30,7 @@ import numpy as np
 from numpy import float64
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.world.geometry import (

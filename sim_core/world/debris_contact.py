@@ -9,10 +9,9 @@ Dynamics").
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.world.contact import FRICTION, STIFFNESS_NPM, SWING_RADPS, bed_normal
 from sim_core.world.debris import DebrisState, Push, capsules_of, pushed_at

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TypeAlias
@@ -21,6 +20,7 @@ import numpy as np
 from numpy import float64, int32
 from numpy.typing import ArrayLike, NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, enu_to_ned
 from sim_core.mesh_file import MeshFileError, modified_ns, read_triangles
 from sim_core.world.spec import MeshFileSpec

@@ -10,11 +10,11 @@ A search at intervals finds pairs with cells of the plan. The cost of a step dep
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.world.contact import (

@@ -12,12 +12,12 @@ the next search. The cost of a step depends on the near triangles, not on their 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import float64
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.world.contact import NO_CONTACTS, Contacts, Outline, pressed_n, velocity_at

@@ -8,12 +8,12 @@ needs no extra package.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import float32, float64, int16
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, Array32
 from sim_core.world.geometry import MATERIALS, Meeting, Mesh, Solid
 from sim_core.world.rays import NO_BODIES, Bodies, Hits, rays_near

@@ -8,13 +8,13 @@ A caster holds the fixed geometry. Each call supplies the drifting bodies.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy import float32, float64, int16
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, Array32
 from sim_core.world.geometry import Mesh, Solid
 

@@ -7,13 +7,13 @@ bed.bed_down_m(places_ne_m)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy import int32
 from numpy.random import Generator, default_rng
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.world.geometry import (
     BED,

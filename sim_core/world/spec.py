@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import (
     Bounds,
     Direction,

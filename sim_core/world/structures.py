@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy import float64
 from numpy.typing import ArrayLike
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.world.geometry import (
     CONCRETE,

@@ -8,10 +8,11 @@ Debris moves in long steps, and in the vessels' steps while a vessel is near: fa
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.world.contact import (

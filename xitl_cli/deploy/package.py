@@ -6,11 +6,11 @@ import hashlib
 import io
 import zipfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
 import agent
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 
 BOARD_PYTHON = "3.9"

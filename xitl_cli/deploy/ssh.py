@@ -11,7 +11,6 @@ import json
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import agent
 from agent.board.install import DeploySettings, DeploySettingsError, checked_options
 from agent.board.receive import MARK
 from agent.files import read_text
+from sim_core.dataclass import dataclass
 from xitl_cli.deploy.package import Package
 from xitl_cli.errors import UserError
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from typing import TYPE_CHECKING, Any
+
+from sim_core.dataclass import dataclass
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

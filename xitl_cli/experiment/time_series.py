@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.signals import Series

@@ -13,10 +13,11 @@ import platform
 import re
 import shutil
 import struct
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.cache import cache_root
 from xitl_cli.errors import UserError
 

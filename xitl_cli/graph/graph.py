@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 from agent.wire import dialect
+from sim_core.dataclass import dataclass
 from xitl_cli.profile.schema.graph import KIND_WEIGHTS, architecture, is_node_name
 
 

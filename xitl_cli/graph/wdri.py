@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeAlias
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.graph.graph import Graph, Vertex, build_graph, complete_graph
 from xitl_cli.profile import Profile, RunProfile, load_profile

@@ -6,12 +6,12 @@ alignment, which spreads a drift over the path, and with the first poses aligned
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import quat_to_matrix
 from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from agent.wire import dialect
 from agent.wire.codec import Message, decode
 from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC
 from sim_core import frames
+from sim_core.dataclass import dataclass
 from sim_core.frames import quat_to_matrix
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory

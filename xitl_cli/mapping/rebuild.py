@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from agent.companion.settings import CompanionParameters, checked_parameter
 from agent.companion.sonar import echo_points
 from agent.wire.codec import Message
 from sim_core import frames
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.logs.export.files import make_directory

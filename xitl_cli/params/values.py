@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from datetime import UTC, datetime
 
 from agent.fcu.parameters import TABLE
 from agent.mavlink.exchange import Target
 from agent.mavlink.parameter_rows import Parameter
 from agent.mavlink.parameters import same_value
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.params.vehicle import connect
 from xitl_cli.profile.files.parameter_files import (

@@ -6,7 +6,6 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from agent.assembly import AUTOPILOT_COMPONENT_ID
@@ -19,6 +18,7 @@ from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from agent.wire.transport import Transport, TransportError, open_transport
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 
 SYSTEM_ID = 254  # not a ground station's 255: a vehicle must not report a lost station when this program ends

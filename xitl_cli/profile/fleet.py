@@ -10,8 +10,9 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
+from sim_core.dataclass import dataclass
 from sim_core.world.spec import LAST_MMSI, AisSpec
 from xitl_cli.profile.checks.fleet import Places, hull_outline
 from xitl_cli.profile.files.compose import OWN_KEYS, at_speed_of_vessel, laid_on

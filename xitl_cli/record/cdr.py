@@ -6,9 +6,10 @@ import math
 import re
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
+
+from sim_core.dataclass import dataclass
 
 Uint8: TypeAlias = Annotated[int, "uint8"]
 Bool: TypeAlias = Annotated[bool, "uint8"]

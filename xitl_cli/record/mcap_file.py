@@ -11,11 +11,11 @@ import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
 from typing import Any, Protocol
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.recording_schema import NEXT_RECORD, SPLIT_RECORD
 from xitl_cli.record.mcap_writer import MESSAGE_BYTES, ChunkMessage, ChunkWriter, message_record

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+
+from sim_core.dataclass import dataclass
 
 _FRAME, _ID, _LIFETIME = 2, 3, 4
 """Fields of foxglove.SceneEntity."""

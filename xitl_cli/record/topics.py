@@ -9,7 +9,7 @@ the tables of docs/recording.md (`make pages`).
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from functools import cache
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.bridges.counts import BridgeCounts
+from sim_core.dataclass import dataclass
 from xitl_cli.record.cdr import (
     SEPARATOR,
     Bool,

@@ -12,7 +12,7 @@ import csv
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from io import StringIO
 from pathlib import Path
 
@@ -20,6 +20,7 @@ import numpy as np
 
 import xitl_cli.logs.signals as signals
 from agent.files import read_bytes
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog

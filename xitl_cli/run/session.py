@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from importlib.resources import files
@@ -19,6 +19,7 @@ from foxglove import messages
 
 from agent import __version__
 from agent.wire.dialect import MAV_SEVERITY_ERROR as ERROR
+from sim_core.dataclass import dataclass
 from xitl_cli.end_signals import end_signals_handled
 from xitl_cli.errors import UserError
 from xitl_cli.extras import PERCEPTION

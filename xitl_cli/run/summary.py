@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from agent import __version__
 from agent.mavlink.modes import MISSION_MODE
+from sim_core.dataclass import dataclass
 from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.logs.signals.real_time import (
     LinkLosses,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.experiment.report import Told, told_text
 from xitl_cli.experiment.setup import ExperimentSetup
 from xitl_cli.experiment.time_series import Floats, true_path_ne_m

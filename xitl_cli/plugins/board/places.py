@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
+from sim_core.dataclass import dataclass
 from xitl_cli.cache import cache_root
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.board.recipe import BOARD_ADDRESS, SERVICE_PORTS

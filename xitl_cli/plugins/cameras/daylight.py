@@ -7,11 +7,11 @@ the sun are chosen by eye; the attenuation by the air is computed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 
 Colour: TypeAlias = Array

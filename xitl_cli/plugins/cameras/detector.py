@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Protocol
 
 import cv2
@@ -16,6 +16,7 @@ import numpy as np
 from numpy import float32, uint8
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from xitl_cli.plugins.cameras.images import Box, Detection, ObjectClass, SeenObject

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
 
+from sim_core.dataclass import dataclass
 from sim_core.sensors.camera_spec import CameraSpec
 from xitl_cli.plugins.cameras.images import CameraImage
 from xitl_cli.record.image_colours import Picture, coloured_depth, coloured_temperature, picture_of_file

@@ -7,7 +7,6 @@ faces of a cube, from which OpenCV's `remap` takes the pixels.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -16,6 +15,7 @@ from numpy import float32, uint8
 from numpy.random import default_rng
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.sensors.lens import Lens
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated
 
 from numpy import float32, uint8, uint16
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.sensors.lens import Lens
 from xitl_cli.record import topics

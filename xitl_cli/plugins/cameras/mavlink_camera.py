@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from agent.wire.transport import open_transport
+from sim_core.dataclass import dataclass
 from sim_core.sensors.camera_spec import CameraSpec
 
 FIRST_COMPONENT_ID, MOST_COMPONENTS = 100, 6

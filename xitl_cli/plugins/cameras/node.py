@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from datetime import UTC, timedelta
 from heapq import heappop, heappush
 from itertools import pairwise
@@ -16,6 +16,7 @@ from foxglove import messages
 from numpy.random import Generator, default_rng
 
 from sim_core import frames
+from sim_core.dataclass import dataclass
 from sim_core.environment.sun import sun_direction_ned
 from sim_core.environment.tide_spec import instant_utc
 from sim_core.frames import Array

@@ -7,7 +7,6 @@ Input: (1, 3, H, W), red, green and blue from 0 to 1. The image is scaled to fit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -15,6 +14,7 @@ import numpy as np
 from numpy import float32, uint8
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens
 from xitl_cli.errors import UserError

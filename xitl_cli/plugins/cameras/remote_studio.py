@@ -7,11 +7,12 @@ import io
 import os
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.sensors.camera_spec import CameraSpec
 from xitl_cli.errors import UserError
 from xitl_cli.extras import CAMERA

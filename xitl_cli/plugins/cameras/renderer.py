@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from itertools import groupby
 from typing import Any
@@ -24,6 +23,7 @@ from numpy import float32, uint8, uint16
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.waves import WaveField
 from sim_core.frames import Array
 from sim_core.sensors.lens import Lens

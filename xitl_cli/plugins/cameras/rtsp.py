@@ -11,9 +11,9 @@ import re
 import secrets
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+from sim_core.dataclass import dataclass
 from xitl_cli.http_access import HEAD_S, stranger
 from xitl_cli.plugins.cameras.image_feed import NewestImage, StreamCounts, write_all
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -16,6 +15,7 @@ from numpy import float32, uint8, uint16
 from numpy.typing import NDArray
 
 from sim_core import frames
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.lens import Lens

@@ -16,11 +16,11 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from statistics import NormalDist
 from typing import Any, Literal, TypeAlias
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.campaign.expression import Expression
 from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, shown
 

@@ -6,10 +6,11 @@ import hashlib
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.campaign.axes import EXTENDS, FAULTS, Axis, AxisValue, RunPoint
 from xitl_cli.profile.files.catalogue import find_profile, is_shipped, profile_name, shipped_profiles, shown_path

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.campaign.statistics import (
     BoundaryEstimate,
     PassCounts,

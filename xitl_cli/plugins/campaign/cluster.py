@@ -21,7 +21,6 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
@@ -29,6 +28,7 @@ from typing import Any
 
 from agent import __version__
 from agent.machine import usable_processors
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.extras import CAMPAIGN
 from xitl_cli.plugins.campaign.execution import Row, RunTask, prepare_for_runs, run_point, stop_runs

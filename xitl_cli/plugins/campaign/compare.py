@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.campaign.execution import COMPLETED, RAN
 from xitl_cli.plugins.campaign.results import ResultTable, is_number

@@ -11,10 +11,11 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, Protocol
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.campaign.axes import RunPoint
 from xitl_cli.plugins.campaign.cluster import TlsFiles, local_workers, workers_at
 from xitl_cli.plugins.campaign.execution import FAILED, KILLED, RAN, RETRIED, Row, RunTask, end_preparation, run_point

@@ -19,10 +19,10 @@ import threading
 import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, BinaryIO, Protocol, TypeAlias
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.campaign import warden
 from xitl_cli.plugins.campaign.figures import figures
 from xitl_cli.plugins.campaign.run_server import RunServers

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.campaign.bisection import Bisection, BoundaryFinding, Outcome, bisect
 from xitl_cli.plugins.campaign.statistics import Interval, wilson_interval
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.expressions.evaluation import ARITHMETIC, ARITIES, COMPARISONS, ELEMENTWISE
 from xitl_cli.logs.expressions.syntax import (
     Arithmetic,

@@ -15,11 +15,12 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Bounds, Positive, Seed, Specification, SpecificationError, ValueProblem
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.campaign import figures

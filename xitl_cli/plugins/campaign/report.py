@@ -6,12 +6,12 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import unit_of
 from xitl_cli.logs.model.sections import Fact, Finding, Grid, Plot, Section, Value
 from xitl_cli.logs.model.text import plural

@@ -15,13 +15,14 @@ import math
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any
 
 from agent import __version__
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.campaign.execution import RAN, Row
 from xitl_cli.plugins.campaign.plan import SAME_RUNS, CampaignPlan

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.campaign.axes import AxisValue, RunPoint
 from xitl_cli.plugins.campaign.bisection import Bisection, BoundaryFinding, bisect
 from xitl_cli.plugins.campaign.execution import RAN

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from itertools import product
 from math import log
 from typing import Annotated, Any, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Bounds, Items, Positive, Specification, SpecificationError
 from xitl_cli.plugins.campaign.axes import Axis, AxisValue
 

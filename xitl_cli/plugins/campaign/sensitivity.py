@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.campaign.axes import Axis, AxisValue, RunPoint
 from xitl_cli.plugins.campaign.execution import RAN
 from xitl_cli.plugins.campaign.search_spec import SensitivitySpec

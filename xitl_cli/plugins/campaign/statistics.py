@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy  # type: ignore[import-untyped]
 from numpy.typing import NDArray
+
+from sim_core.dataclass import dataclass
 
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]

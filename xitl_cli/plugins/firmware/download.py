@@ -9,7 +9,6 @@ import ssl
 import tempfile
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
 from email.message import Message
 from pathlib import Path
 from typing import IO, Any
@@ -18,6 +17,7 @@ from urllib.parse import urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from agent import __version__
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.firmware import cache
 from xitl_cli.firmware.cache import CachedFirmware, FirmwareRecord, sha256

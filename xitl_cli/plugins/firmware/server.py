@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from difflib import get_close_matches
 from urllib.parse import quote, unquote, urljoin, urlsplit
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import PROGRAMS, SITL, SITL_ARMHF
 

@@ -12,13 +12,14 @@ Between solutions, the noise of each quantity is estimated from its residuals, a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError

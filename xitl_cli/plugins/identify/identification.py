@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.vessel import Vessel

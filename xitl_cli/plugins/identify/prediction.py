@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from xitl_cli.plugins.identify.fit import SHARED, Fit, fit
 from xitl_cli.plugins.identify.recording import Floats, Recording

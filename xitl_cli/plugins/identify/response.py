@@ -13,11 +13,11 @@ axes, units and clocks.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError

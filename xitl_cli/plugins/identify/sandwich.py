@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student  # type: ignore[import-untyped]
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.identify.recording import Floats
 
 _TWO_SIGMA = 0.97725

@@ -6,11 +6,11 @@ Noise densities and bias instabilities are read off the Allan deviation (`xitl_c
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.log import Log

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Items, Specification, SpecificationError
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.recording import QUANTITIES, Floats, Recording, Samples, channel

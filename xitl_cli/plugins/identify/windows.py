@@ -7,11 +7,12 @@ relative to the water.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.environment.waves import StillHull
 from sim_core.frames import euler_to_quat, quat_to_euler, quat_to_matrix

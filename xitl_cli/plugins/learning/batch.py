@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from sim_core import simulation as simulations
+from sim_core.dataclass import dataclass
 from sim_core.environment.environment import Environment
 from sim_core.frames import Array, matrix_to_euler
 from sim_core.simulation import Simulation, SimulationState

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, Array32
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.learning.batch import DrawGoals, DrawStarts, VesselBatch

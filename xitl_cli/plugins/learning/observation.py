@@ -6,11 +6,11 @@ A part is a name from `PARTS`, or a function of `Vessels` that returns (N, K) nu
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import float32
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, Array32
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.learning.vessels import Vessels

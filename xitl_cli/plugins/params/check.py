@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 
 from agent.mavlink.commands import version_text
 from agent.mavlink.parameters import same_value
 from agent.wire import dialect
+from sim_core.dataclass import dataclass
 from xitl_cli.params.vehicle import VehicleConnection
 
 NEAREST = 3

@@ -8,11 +8,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from agent.mavlink.ftp import FtpRefusedError, checksum, has_folder, make_folder, read_checksum, write_file
 from agent.mavlink.parameters import same_value
 from agent.wire import dialect
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.params.values import format_value
 from xitl_cli.params.vehicle import VehicleConnection, VehicleFiles, connect

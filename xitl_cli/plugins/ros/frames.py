@@ -10,11 +10,12 @@ import math
 import struct
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, euler_to_quat, frd_to_flu, matrix_to_quat, quat_to_matrix
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.spec import LidarSpec, RangefinderSpec

@@ -13,11 +13,11 @@ import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
 from agent.mavlink.modes import ROVER_MODE_NUMBERS
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.ros.definitions import deserialize
 from xitl_cli.plugins.ros.frames import frame_name
 from xitl_cli.plugins.ros.middleware import COMMANDS, RELIABLE, Middleware

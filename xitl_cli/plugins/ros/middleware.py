@@ -7,9 +7,10 @@ as `/boats/one/imu/data`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Literal, Protocol
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.ros.outputs import QosKind
 from xitl_cli.profile.schema.ros import RosTopicSpec
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 from agent.wire import dialect
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 from xitl_cli.record.topics import TOPICS

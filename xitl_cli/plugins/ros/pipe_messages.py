@@ -7,8 +7,7 @@ SENTENCE}.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from sim_core.dataclass import dataclass
 from xitl_cli.profile.schema import RunProfile
 
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import quat_to_euler
 from sim_core.vessel.spec import Propeller, VesselSpec
 from xitl_cli.plugins.ros.frames import FixedFrame, Vector, flu, flu_turn, frame_name, sensor_frames

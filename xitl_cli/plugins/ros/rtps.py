@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from sim_core.dataclass import dataclass
 
 PREFIX_BYTES = 12
 VERSION = b"\x02\x03"

@@ -14,12 +14,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from itertools import count
 from operator import attrgetter
 
 from agent.timing.clock import wait_readable
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.ros import rtps
 from xitl_cli.plugins.ros.rtps import Submessage
 

@@ -15,12 +15,12 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import complex128
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.frames import Array, ComplexArray, euler_to_quat, quat_to_matrix
 from sim_core.vessel.floating import FloatingPose, floating_pose

@@ -6,10 +6,11 @@ results are the derivatives of the motion. Drag changes the model itself, so its
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.environment.waves import StillHull
 from sim_core.frames import Array, matrix_to_euler, wrap_pi

@@ -10,7 +10,6 @@ import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from agent.wire import dialect as mav
 from agent.wire.codec import Message, decode
 from agent.wire.framing import Framer
 from agent.wire.transport import TransportError, open_transport
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError

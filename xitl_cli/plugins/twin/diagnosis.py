@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, wrap_pi
 from xitl_cli.plugins.twin.bank import MOTION, PREDICTED, LinearPrediction, ModelErrors
 from xitl_cli.plugins.twin.boat import INTERVAL_S

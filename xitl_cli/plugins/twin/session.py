@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from typing import Annotated, Any, Protocol
 
 import numpy as np
 from foxglove import messages
 
 from agent.wire import dialect as mav
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.frames import Array, euler_to_quat
 from sim_core.vessel.spec import VesselSpec

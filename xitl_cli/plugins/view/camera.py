@@ -9,11 +9,12 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.view.model import Array, ViewInstant, ViewScene
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import frd_to_flu, quat_multiply
 from xitl_cli.plugins.view import shapes
 from xitl_cli.plugins.view.chart_drawing import add_chart

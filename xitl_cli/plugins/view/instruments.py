@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.view.drawing import CLOUDS, ESTIMATE, GUIDED, MISSION, OBSTACLE, TARGET, TRACK, stream_arrows
 from xitl_cli.plugins.view.model import Colour, SceneVessel, VesselInstant, ViewInstant, ViewScene
 from xitl_cli.plugins.view.scene import plain_vessel

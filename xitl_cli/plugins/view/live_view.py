@@ -10,7 +10,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core import frames
+from sim_core.dataclass import dataclass
 from sim_core.fleet import Fleet
 from sim_core.world.debris import DebrisState
 from sim_core.world.traffic import ScriptedVessel, scripted_motion

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.charts.chart import Chart
 from xitl_cli.plugins.view.server import ViewAddress
 from xitl_cli.profile.schema import RunProfile

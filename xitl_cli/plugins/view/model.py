@@ -7,11 +7,12 @@ ENU. Unknown values are None. Unknown numbers are NaN.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.tide import NO_TIDE, Tide
 from xitl_cli.logs.charts.chart import Chart
 

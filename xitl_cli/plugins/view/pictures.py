@@ -16,12 +16,12 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.view.camera import FOLLOW, usual_pose
 from xitl_cli.plugins.view.model import Array, ViewInstant

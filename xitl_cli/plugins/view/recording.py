@@ -12,7 +12,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
 from agent.wire.dialect import MAV_SEVERITY_INFO
+from sim_core.dataclass import dataclass
 from sim_core.frames import ned_to_enu, quat_ned_frd_to_enu_flu
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.charts.chart import read_chart

@@ -9,13 +9,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.extras import VIEW
 from xitl_cli.logs.model.errors import LogError

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.random import default_rng
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.tide import make_tide
 from sim_core.environment.waves import WaveField, realise_waves
 from sim_core.frames import quat_to_matrix

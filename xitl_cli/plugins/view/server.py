@@ -14,10 +14,10 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.extras import VIEW
 from xitl_cli.http_access import listening_socket, stranger

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import quat_to_matrix
 from xitl_cli.plugins.view.model import Array, Colour, Faces, Points, SceneMesh, SceneWaves
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from sim_core.frames import euler_to_quat, ned_to_enu, quat_multiply, quat_ned_frd_to_enu_flu, quat_to_matrix
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Table

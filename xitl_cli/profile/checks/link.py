@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from urllib.parse import SplitResult, urlsplit
 
 from agent.wire.can_bus import read_can_settings
@@ -11,6 +11,7 @@ from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import BITS_PER_BYTE, device_and_baud
 from agent.wire.transport import SCHEMES, BadUrlError
 from agent.wire.urls import host_port
+from sim_core.dataclass import dataclass
 from xitl_cli.profile.files.entry import KeyPath, dotted, finding, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import AutopilotSpec

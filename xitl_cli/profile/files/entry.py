@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TypeAlias
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 
 Scalar: TypeAlias = str | int | float | bool | None

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from agent import __version__
+from sim_core.dataclass import dataclass
 from xitl_cli.profile.files.entry import Entry, Key, KeyPath, Origin, dotted, profile_error
 
 _VESSELS = "vessels"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT
 from agent.fcu.mission import COMMANDS, WAYPOINT
+from sim_core.dataclass import dataclass
 
 RALLY_POINT = 5100  # MAV_CMD_NAV_RALLY_POINT
 FENCE_COMMANDS = (RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT)

@@ -11,10 +11,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 from xml.parsers import expat
 
+from sim_core.dataclass import dataclass
 from sim_core.geojson import GeoJsonError, read_geometries
 from xitl_cli.profile.missions.course import Course, FileItem, MissionFileError, place_of, sorted_course
 from xitl_cli.profile.missions.ground_station_files import number_of, read_json

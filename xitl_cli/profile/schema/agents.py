@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Annotated, Literal, get_args
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import (
     AmongVessels,
     Bounds,

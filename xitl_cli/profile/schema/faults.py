@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Bounds, Direction, NonNegative, Share, Specification, Vector
 
 AgentName = Literal["agent", "standby", "companion"]

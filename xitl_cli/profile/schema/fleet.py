@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Bounds, Positive, Specification, SpecificationError
 from xitl_cli.profile.schema.agents import MOST_VESSELS
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Share, Specification, ValueProblem
 
 MOST_VERTICES = 1000

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import field, fields, is_dataclass, replace
 from typing import Annotated, Any, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import EnvironmentSpec
 from sim_core.keys import Bounds, IfGiven, MoreChoices, Positive, RateHz, Seed, Specification
 from sim_core.vessel.actuators import ActuatorSpec

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Bounds, Items, NonNegative, Positive, Specification, SpecificationError
 
 Depth = Annotated[int, Bounds(at_least=1, at_most=10_000)]

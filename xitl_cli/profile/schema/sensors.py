@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Annotated, Any
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import Bounds, IfGiven, Items, NonNegative, Required, Specification, SpecificationError
 from sim_core.sensors.camera_spec import CameraSpec
 from sim_core.sensors.spec import (

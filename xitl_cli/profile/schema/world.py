@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, get_args
 
+from sim_core.dataclass import dataclass
 from sim_core.keys import (
     AmongVessels,
     Bounds,

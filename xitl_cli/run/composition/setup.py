@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.tide import NO_TIDE
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile

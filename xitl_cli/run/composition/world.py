@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, TypeVar
 
+from sim_core.dataclass import dataclass
 from xitl_cli.run.composition.parts import Need, Part, Parts, Place, made_parts, part
 from xitl_cli.run.composition.setup import RunSetup
 from xitl_cli.run.core.node import ControlNode, RunNode

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import reduce
 from operator import xor
 from typing import Any
 
 from agent.wire import dialect
 from agent.wire.impaired import NO_FAULTS, LinkFaults
+from sim_core.dataclass import dataclass
 from xitl_cli.profile.schema.faults import (
     FAULT_GROUPS,
     AgentFault,

@@ -10,9 +10,9 @@ A run loads the outputs that its profile selects from the entry-point group `xit
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.node import ControlNode, RunNode
 

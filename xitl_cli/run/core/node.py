@@ -19,11 +19,11 @@ run/composition makes them from the profile. session.py and loop.py call, for ea
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from agent.wire.link import Link
+from sim_core.dataclass import dataclass
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
 from sim_core.state_class import state_class

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, field, fields
 from enum import Enum
 from typing import Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.record.topics import TaskTiming
 from xitl_cli.run.core.statistics import Histogram
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sqrt
 
 from agent.timing.sync import ClockSync
+from sim_core.dataclass import dataclass
 
 
 class Histogram:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from random import randrange
 from typing import Any
@@ -19,6 +19,7 @@ from agent.wire.impaired import NO_FAULTS, ImpairedTransport
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from agent.wire.transport import Transport
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.graph.graph import AgentTraffic
 from xitl_cli.profile.schema import RunProfile

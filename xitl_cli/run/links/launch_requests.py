@@ -8,7 +8,7 @@ import socket
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from urllib.parse import urlsplit
 
 from agent.wire import dialect
@@ -17,6 +17,7 @@ from agent.wire.framing import Framer
 from agent.wire.link import Link
 from agent.wire.transport import Transport, TransportError, open_transport
 from agent.wire.urls import Address, address_url, resolve, transport_error
+from sim_core.dataclass import dataclass
 from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID

@@ -26,7 +26,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from time import monotonic
 from urllib.parse import urlsplit
@@ -36,6 +36,7 @@ from agent.wire.framing import Framer, as_received
 from agent.wire.tcp import TcpAccepted, TcpCaller, TcpListener, TcpTransport
 from agent.wire.transport import DATAGRAM_BYTES, TransportError, open_transport
 from agent.wire.udp import UdpTransport
+from sim_core.dataclass import dataclass
 
 MOST_STATIONS = 32
 MOST_VESSELS = 300  # endpoints that vessels send from: those of a fleet, and some that were restarted

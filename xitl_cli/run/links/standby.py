@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import copysign
 
 from agent.mavlink.modes import ROVER_MODE_NUMBERS
+from sim_core.dataclass import dataclass
 from xitl_cli.profile.schema.agents import StandbySpec
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import TakeoverReport

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from typing import Any
 
@@ -14,6 +14,7 @@ from agent.wire import dialect
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from agent.wire.link import Link
 from agent.wire.signing import Signing
+from sim_core.dataclass import dataclass
 from sim_core.geodesy import LocalFrame
 from sim_core.vessel.floating import floating_pose
 from xitl_cli.errors import UserError

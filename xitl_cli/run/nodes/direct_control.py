@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from agent.fcu.control.allocation import ThrustAllocator
 from agent.fcu.control.controller import (
@@ -29,7 +29,6 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MotorCommand
-from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file, schedule_from_script
 from xitl_cli.run.core.node import ControlNode, RunStep
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.setup import embedded_parameters, mission_items
@@ -37,6 +36,9 @@ from xitl_cli.run.nodes.drivers import nobody
 from xitl_cli.run.operator.actions import ActionError, CommandMotor, EndRun, SteerVelocity
 from xitl_cli.run.operator.steering import SILENT_S, Say, Steering
 from xitl_cli.run.world.world import local_frame
+
+if TYPE_CHECKING:
+    from xitl_cli.replay.motor_schedule import MotorSchedule
 
 
 class IdealControl(ControlNode):
@@ -201,11 +203,14 @@ def direct_control(profile: RunProfile, others: Callable[[], str] = nobody) -> C
     others: returns a text with the vessels that a mission has to wait for.
     """
     driver, vessel = profile.driver, profile.vehicle
+    if driver.kind not in ("script", "replay"):
+        return IdealControl(profile, others)
+    # The readers of recordings delay the start
+    from xitl_cli.replay.motor_schedule import schedule_from_file, schedule_from_script
+
     if driver.kind == "script":
         return ScheduledControl(schedule_from_script(driver.script), "SCRIPT", vessel.commands)
-    if driver.kind == "replay":
-        return ScheduledControl(schedule_from_file(profile, vessel), "REPLAY", vessel.commands)
-    return IdealControl(profile, others)
+    return ScheduledControl(schedule_from_file(profile, vessel), "REPLAY", vessel.commands)
 
 
 T = TypeVar("T")

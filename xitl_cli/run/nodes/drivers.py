@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 from itertools import zip_longest
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 
 from agent.mavlink.modes import MISSION_MODE, shown_mode
 from agent.wire import dialect
+from sim_core.dataclass import dataclass
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.agents import ScriptStep

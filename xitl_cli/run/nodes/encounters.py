@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy import bool_, intp
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.fleet import Fleet, FleetState, joined_motion
 from sim_core.frames import Array
 from sim_core.world.plan import nearest_on_axis

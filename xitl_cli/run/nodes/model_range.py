@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.simulation import Simulation, SimulationState
 from sim_core.vessel.confined_water import DEEP_OF_LENGTH, LARGEST_FROUDE_NUMBER

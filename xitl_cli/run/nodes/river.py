@@ -6,7 +6,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from agent.wire.dialect import MAV_SEVERITY_INFO as INFO
 from agent.wire.dialect import MAV_SEVERITY_WARNING as WARNING
 from sim_core import frames
 from sim_core import simulation as simulations
+from sim_core.dataclass import dataclass
 from sim_core.world.contact import Contacts
 from sim_core.world.debris import DebrisState, Launch, make_body
 from sim_core.world.plan import Capsules

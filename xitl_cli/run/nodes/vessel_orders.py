@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from agent.mavlink.missions import MissionUpload, waypoint_items
 from agent.mavlink.modes import PX4_MODES, ROVER_MODE_NUMBERS, shown_mode
 from agent.wire import dialect
+from sim_core.dataclass import dataclass
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks.faults import check as check_faults

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import CurrentSpec, WaveSpec, WindSpec
 from sim_core.keys import Bounds, Direction, Items, Positive, Specification, SpecificationError, key_annotations
 from sim_core.world.spec import DebrisName

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from agent.wire.transport import SenderStatus, Transport, TransportClosedError, TransportError, open_transport
 from agent.wire.udp import UdpTransport
+from sim_core.dataclass import dataclass
 from sim_core.sensors.sonar import OVERHEAD_S, PingSettings, Sector, turning_s
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.loopback import SerialLoopback

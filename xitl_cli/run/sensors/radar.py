@@ -7,7 +7,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,7 @@ from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from agent.wire.codec import Message
+from sim_core.dataclass import dataclass
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.lidar import BodyTrack
 from sim_core.sensors.radar import FIRST_ANGLE_RAD, MarineRadar, RadarSector, RadarSurroundings

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array, flu_to_frd
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics

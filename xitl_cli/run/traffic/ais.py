@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from itertools import count
 from operator import xor
@@ -21,6 +20,7 @@ import numpy as np
 
 from agent.wire import dialect
 from agent.wire.transport import Transport
+from sim_core.dataclass import dataclass
 from sim_core.geodesy import LocalFrame
 from xitl_cli.run.traffic.self_report import SelfReport
 

@@ -20,8 +20,9 @@ way in sight of one another. The caller decides whether there is a risk of colli
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
+
+from sim_core.dataclass import dataclass
 
 Geometry = Literal["overtaking", "head-on", "crossing"]
 ABAFT_DEG = 112.5

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import bool_, float64
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.world.debris import USUAL_LENGTH_M, BodyKind, Launch, make_body
 from sim_core.world.waterway import Waterway

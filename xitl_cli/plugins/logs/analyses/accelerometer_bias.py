@@ -8,10 +8,10 @@ from the velocity of the receiver by a line and a parabola (errors of the attitu
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log

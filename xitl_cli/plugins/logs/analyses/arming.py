@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import FAILSAFE_ARMING_METHODS, arming_method_name, checks_left_out
 from xitl_cli.logs.model.log import Log

@@ -7,11 +7,11 @@ the mode: a loop flown in ACRO gives no warning.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import BOAT_FRAME, FREE_ATTITUDE, MOTION_LIMITS, SURFACE_BOAT, MotionLimits, VehicleKind
 from xitl_cli.logs.model.log import Log

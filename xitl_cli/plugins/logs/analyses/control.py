@@ -9,12 +9,13 @@ Response to a setpoint: its delay, and rise, overshoot and settling after each s
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import HEADING_HELD, VehicleKind
 from xitl_cli.logs.model.log import Log

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import EKF_MAG_FUSION, EKF_SOURCE_SETS

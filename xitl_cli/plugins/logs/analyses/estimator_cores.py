@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import compress
 from types import MappingProxyType
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model import codes as codes
 from xitl_cli.logs.model.codes import EKF_ABSOLUTE, EKF_ACTIVE, EKF_GPS_CHECKS

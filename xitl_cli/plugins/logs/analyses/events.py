@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model import codes as codes
 from xitl_cli.logs.model.codes import SWITCH_POSITIONS, SWITCH_SOURCES, VehicleKind, auxiliary_function_name

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.sections import Evidence, Finding

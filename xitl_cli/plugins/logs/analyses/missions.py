@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import ALTITUDE_FRAMES, command_name

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.model.codes import (
     FIXED_OUTPUTS,
     MOTORS,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.formats import open_log
 from xitl_cli.logs.formats.run_directory import OWN_LOGS, recording_in

@@ -7,10 +7,10 @@ change needs a check.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.codes import ERR_BATTERY_FAILSAFE
 from xitl_cli.logs.model.log import Log

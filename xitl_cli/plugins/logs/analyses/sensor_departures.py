@@ -8,10 +8,10 @@ pitch of the estimate, and the heading of the magnetometer.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import quat_multiply, quat_normalize, quat_to_matrix
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log

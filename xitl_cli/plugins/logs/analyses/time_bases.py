@@ -9,11 +9,11 @@ clock. Its variation is the standard deviation of the slopes of ten equal parts.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.logs.clocks.fit import ClockRelation, ClockStep, clock_relations, robust_spread
 from xitl_cli.logs.clocks.readings import ClockReadings
 from xitl_cli.logs.clocks.time_line import LogClock

@@ -9,12 +9,13 @@ paper, an operator sends one GUIDED waypoint. Here the mission starts as soon as
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiment.setup import ExperimentSetup, InterruptedRunError

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import xitl_cli.logs.signals as signals
+from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiment.setup import ExperimentSetup

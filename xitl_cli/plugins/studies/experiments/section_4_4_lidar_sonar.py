@@ -8,12 +8,13 @@ sunken trunk. The companion sends its detections to the autopilot as proximity m
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import quat_to_matrix
 from sim_core.world.debris import BodyKind, make_body
 from sim_core.world.geometry import WOOD, cylinder

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sim_core.dataclass import dataclass
 from xitl_cli.experiment.report import ExperimentReport, PaperFigure, PaperRow
 from xitl_cli.experiment.setup import ExperimentSetup
 from xitl_cli.graph.graph import Graph, Vertex

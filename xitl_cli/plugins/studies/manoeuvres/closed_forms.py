@@ -12,13 +12,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from typing import NamedTuple
 
 import numpy as np
 from numpy import float64
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import CrossFlowDrag, DemiHull, Propeller, VesselSpec
 from xitl_cli.plugins.studies.manoeuvres.published import HOERNER

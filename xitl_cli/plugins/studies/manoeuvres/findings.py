@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from sim_core.dataclass import dataclass
 from sim_core.vessel.derivatives import COMPONENTS, VELOCITIES, parse_derivative
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Severity

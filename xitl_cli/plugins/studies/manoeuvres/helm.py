@@ -8,11 +8,11 @@ side push `angle / 35` less, and stop at full steering.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 from sim_core.vessel.spec import VesselSpec
 

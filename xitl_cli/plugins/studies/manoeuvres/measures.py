@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import complex128
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 
 _LEAST_SWING = 0.01

@@ -6,8 +6,8 @@ Runs are of the published equations, with the same thrust as from these commands
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from sim_core.dataclass import dataclass
 from xitl_cli.plugins.studies.manoeuvres.references import ReferenceKind, Source
 
 HOERNER = (

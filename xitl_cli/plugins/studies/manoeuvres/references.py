@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import StrEnum
+
+from sim_core.dataclass import dataclass
 
 
 class ReferenceKind(StrEnum):

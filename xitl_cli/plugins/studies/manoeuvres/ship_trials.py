@@ -6,10 +6,11 @@ The approach is a straight course at a given speed and throttle, not 85 % of the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.simulation import SimulationState

@@ -6,11 +6,11 @@ are therefore included. State: depth z, roll, pitch, then the six velocities in 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.waves import StillHull
 from sim_core.frames import Array, euler_to_quat, matrix_to_euler, quat_to_matrix
 from sim_core.kinematics import Kinematics

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_core import simulation as world
+from sim_core.dataclass import dataclass
 from sim_core.environment.environment import Environment
 from sim_core.frames import Array, matrix_to_euler
 from sim_core.kinematics import Kinematics

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from operator import ge
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.vessel.panel_tables import panel_tables_of

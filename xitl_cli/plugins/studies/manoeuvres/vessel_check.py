@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from sim_core.dataclass import dataclass
 from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water
 from sim_core.frames import Array, matrix_to_euler
 from sim_core.simulation import Simulation
