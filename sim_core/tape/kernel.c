@@ -19,12 +19,19 @@ typedef double vd __attribute__((vector_size(BYTES)));
 typedef int64_t vi __attribute__((vector_size(BYTES)));
 enum { LANES = 8, WIDTH = BYTES / 8 };
 
+static inline __attribute__((always_inline)) vd loaded(const double *from)
+{
+    vd vector;
+    memcpy(&vector, from, sizeof vector);
+    return vector;
+}
+
 enum {
     NEGATIVE, ABSOLUTE, SQRT, SIN, COS, RINT, ISNAN, LOGICAL_NOT, FLOOR, SIGN, SQUARE,
     EXP, LOG, TAN, TANH, ARCCOS, ARCSIN, ARCTAN, CBRT, EXPM1,
     ADD, SUBTRACT, MULTIPLY, DIVIDE, MAXIMUM, MINIMUM, LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL,
     LOGICAL_AND, LOGICAL_OR, ARCTAN2, POWER, HYPOT,
-    WHERE, MATMUL, DOT, INTERP, SIN_COS
+    WHERE, MATMUL, DOT, INTERP, SIN_COS, SUM_OF_PRODUCTS, DIFFERENCE_OF_PRODUCTS
 };
 
 enum { RUN, SAME, TABLE }; /* where an operand lies: consecutive values, one value for all, a table of values */
@@ -89,10 +96,46 @@ trigonometric(const double *restrict a, double *restrict sine, double *restrict 
         }
 }
 
+/* Arc cosines, as fdlibm: by a rational function about 0, and by the half angle near 1 and -1. */
+static void arc_cosines(int64_t count, double *restrict out, const double *restrict a)
+{
+    const double pio2_hi = 1.57079632679489655800e+00, pio2_lo = 6.12323399573676603587e-17;
+    for (int64_t i = 0; i < count; i++) {
+        double x = a[i], size = fabs(x);
+        int near = size >= 0.5;
+        double z = near ? 0.5 * (1.0 - size) : x * x;
+        double p = z * (1.66666666666666657415e-01 + z * (-3.25565818622400915405e-01 + z * (2.01212532134862925881e-01
+                   + z * (-4.00555345006794114027e-02 + z * (7.91534994289814532176e-04
+                   + z * 3.47933107596021167570e-05)))));
+        double q = 1.0 + z * (-2.40339491173441421878e+00 + z * (2.02094576023350569471e+00
+                   + z * (-6.88283971605453293030e-01 + z * 7.70381505559019352791e-02)));
+        double r = p / q, s = sqrt(z);
+        double middle = pio2_hi - (x - (pio2_lo - x * r));
+        double below = 2.0 * (pio2_hi - (s + (r * s - pio2_lo)));
+        double above = 2.0 * (s + r * s);
+        out[i] = near ? (x < 0.0 ? below : above) : middle;
+    }
+}
+
 #define EACH(expression) for (int64_t i = 0; i < count; i++) out[i] = (expression); return
 
+/* Loops over whole vectors, as gcc chooses narrower ones. */
+#define EACH_VECTOR(expression, of_vectors)             \
+    int64_t i = 0;                                      \
+    for (; i + WIDTH <= count; i += WIDTH) {            \
+        vd vector = (of_vectors);                       \
+        memcpy(out + i, &vector, sizeof vector);        \
+    }                                                   \
+    for (; i < count; i++)                              \
+        out[i] = (expression);                          \
+    return
+#define A loaded(a + i)
+#define B loaded(b + i)
+#define C loaded(c + i)
+#define D loaded(d + i)
+
 static void element_wise(int op, int64_t count, double *restrict out, const double *restrict a,
-                         const double *restrict b, const double *restrict c)
+                         const double *restrict b, const double *restrict c, const double *restrict d)
 {
     switch (op) {
     case NEGATIVE: EACH(-a[i]);
@@ -110,15 +153,15 @@ static void element_wise(int op, int64_t count, double *restrict out, const doub
     case LOG: EACH(log(a[i]));
     case TAN: EACH(tan(a[i]));
     case TANH: EACH(tanh(a[i]));
-    case ARCCOS: EACH(acos(a[i]));
+    case ARCCOS: arc_cosines(count, out, a); return;
     case ARCSIN: EACH(asin(a[i]));
     case ARCTAN: EACH(atan(a[i]));
     case CBRT: EACH(cbrt(a[i]));
     case EXPM1: EACH(expm1(a[i]));
-    case ADD: EACH(a[i] + b[i]);
-    case SUBTRACT: EACH(a[i] - b[i]);
-    case MULTIPLY: EACH(a[i] * b[i]);
-    case DIVIDE: EACH(a[i] / b[i]);
+    case ADD: { EACH_VECTOR(a[i] + b[i], A + B); }
+    case SUBTRACT: { EACH_VECTOR(a[i] - b[i], A - B); }
+    case MULTIPLY: { EACH_VECTOR(a[i] * b[i], A * B); }
+    case DIVIDE: { EACH_VECTOR(a[i] / b[i], A / B); }
     case MAXIMUM: EACH(a[i] >= b[i] || a[i] != a[i] ? a[i] : b[i]);
     case MINIMUM: EACH(a[i] <= b[i] || a[i] != a[i] ? a[i] : b[i]);
     case LESS: EACH(a[i] < b[i]);
@@ -133,6 +176,8 @@ static void element_wise(int op, int64_t count, double *restrict out, const doub
     case POWER: EACH(pow(a[i], b[i]));
     case HYPOT: EACH(hypot(a[i], b[i]));
     case WHERE: EACH(a[i] != 0.0 ? b[i] : c[i]);
+    case SUM_OF_PRODUCTS: { EACH_VECTOR(a[i] * b[i] + c[i] * d[i], A * B + C * D); }
+    case DIFFERENCE_OF_PRODUCTS: { EACH_VECTOR(a[i] * b[i] - c[i] * d[i], A * B - C * D); }
     }
 }
 
@@ -161,8 +206,7 @@ matmul_of_row(const int columns, int64_t inner, int64_t stride, double *restrict
     vd sum[LANES / WIDTH][4] = {{{0}}};
     for (int64_t k = 0; k < inner; k++)
         for (int part = 0; part < LANES / WIDTH; part++) {
-            vd x;
-            memcpy(&x, a + k * LANES + part * WIDTH, sizeof x);
+            vd x = loaded(a + k * LANES + part * WIDTH);
             for (int t = 0; t < columns; t++)
                 sum[part][t] += x * matrix[k * stride + t];
         }
@@ -246,7 +290,7 @@ static inline __attribute__((always_inline)) void
 run_lanes(const int L, const int32_t *code, int64_t operations, const int32_t *tables, const double *matrices,
           double *restrict values, double *restrict room, int64_t room_size)
 {
-    double *second = room + room_size * L, *third = second + room_size * L;
+    double *second = room + room_size * L, *third = second + room_size * L, *fourth = third + room_size * L;
     for (int64_t number = 0; number < operations; number++) {
         int op = code[0];
         int64_t count = code[1];
@@ -286,7 +330,8 @@ run_lanes(const int L, const int32_t *code, int64_t operations, const int32_t *t
             const double *a = operand(L, operands, count, values, tables, room);
             const double *b = code[3] > 1 ? operand(L, operands + 2, count, values, tables, second) : a;
             const double *c = code[3] > 2 ? operand(L, operands + 4, count, values, tables, third) : a;
-            element_wise(op, count * L, out, a, b, c);
+            const double *d = code[3] > 3 ? operand(L, operands + 6, count, values, tables, fourth) : a;
+            element_wise(op, count * L, out, a, b, c, d);
             code = extra;
         }
         }

@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 from sim_core.frames import Array
 from sim_core.tape.library import Kernel
 from sim_core.tape.traced import (
+    DIFFERENCE_OF_PRODUCTS,
     DOT,
     ELEMENT_WISE,
     INTERP,
     MATMUL,
     OPERATIONS,
     SIN_COS,
+    SUM_OF_PRODUCTS,
     Numbers,
     TapeOperation,
     TapeRecorder,
@@ -41,6 +43,8 @@ _ALONE = (0, 0)  # no later steps
 Results = tuple[Any, ...]
 """An array (rows, columns) of all results, its address, and its part for each output, (rows, ...)."""
 _LONG = 16  # values that are worth an operation of their own
+_SPLIT = {*ELEMENT_WISE, SUM_OF_PRODUCTS, DIFFERENCE_OF_PRODUCTS}
+_OF_PRODUCTS = {"add": SUM_OF_PRODUCTS, "subtract": DIFFERENCE_OF_PRODUCTS}
 
 
 class _Tape(ctypes.Structure):
@@ -65,7 +69,7 @@ class _Room:
         for lanes in _LANES:
             of_lanes = np.zeros((values, lanes))
             of_lanes[: len(constants)] = constants[:, None]
-            self._arrays += [of_lanes, np.empty(3 * operands * lanes)]
+            self._arrays += [of_lanes, np.empty(4 * operands * lanes)]
         self.addresses = tuple(array.ctypes.data for array in self._arrays)
         self._later, self._later_address = np.empty((0, 0)), 0
 
@@ -108,7 +112,7 @@ class Program:
         self._run = kernel.run_tape
         state, other = recorder.inputs
         wanted = np.concatenate([recorder.numbers(output).ravel() for output in outputs])
-        operations = _paired(_needed(recorder.operations, wanted))
+        operations = _paired(_with_products(_needed(recorder.operations, wanted), wanted))
         # Places of the values: constants, inputs, results
         constants = sorted(recorder.constants)
         fixed = np.concatenate([np.array(constants, dtype=np.int64), state, other])
@@ -176,6 +180,28 @@ def _needed(operations: Sequence[TapeOperation], wanted: Numbers) -> list[TapeOp
     return kept[::-1]
 
 
+def _with_products(operations: Sequence[TapeOperation], wanted: Numbers) -> list[TapeOperation]:
+    """Return the operations with each sum and difference of two products as one, which has the same result."""
+    values = max([int(wanted.max(initial=-1)), *(int(operation.result.max()) for operation in operations)]) + 1
+    uses = np.zeros(values, dtype=int)
+    np.add.at(uses, wanted, 1)
+    for operation in operations:
+        for operand in operation.operands:
+            np.add.at(uses, operand, 1)
+    factors = np.full((values, 2), -1)
+    fused = []
+    for operation in operations:
+        if operation.name == "multiply":
+            factors[operation.result] = np.stack(operation.operands, axis=1)
+        elif operation.name in _OF_PRODUCTS and all(
+            (factors[part, 0] >= 0).all() and (uses[part] == 1).all() for part in operation.operands
+        ):
+            of_products = tuple(factors[part, side] for part in operation.operands for side in (0, 1))
+            operation = TapeOperation(_OF_PRODUCTS[operation.name], operation.result, of_products)
+        fused.append(operation)
+    return _needed(fused, wanted)
+
+
 def _paired(operations: Sequence[TapeOperation]) -> list[TapeOperation]:
     """Return the operations with sine and cosine of equal angles as one."""
     paired: list[TapeOperation] = []
@@ -239,7 +265,7 @@ def _parts(operation: TapeOperation, place: Numbers) -> list[TapeOperation]:
     Values that repeat for each point of a hull need not be gathered then.
     """
     length = operation.result.size
-    for operand in operation.operands if operation.name in ELEMENT_WISE else ():
+    for operand in operation.operands if operation.name in _SPLIT else ():
         steps = np.diff(place[operand])
         if steps.any():
             length = math.gcd(length, *(np.flatnonzero(steps != 1) + 1).tolist())

@@ -120,10 +120,32 @@ def test_sine_and_cosine_of_no_number() -> None:
     np.testing.assert_array_equal(results, wanted)
 
 
+def test_arc_cosines_at_their_ends_and_beyond() -> None:
+    values = np.tile([1.0, -1.0, 0.5, -0.5, 1.0 + 1e-15, -3.0], (9, 1))
+    with np.errstate(invalid="ignore"):
+        wanted = np.arccos(values)
+    results = compiled(lambda a, _: np.arccos(a))(values, values)
+    np.testing.assert_allclose(results, wanted, rtol=3e-16, atol=0.0)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 8, 19])
+def test_sums_of_products_have_the_bits_of_separate_operations(rows: int) -> None:
+    """Rotations as those of the waves, products that something else needs too, and sums of three products."""
+
+    def rotated(a: Any, b: Any) -> Any:
+        shared = a * a
+        return np.concatenate((a * b - b * b, a * 0.5 + b * a, shared + b * 2.0, shared, a * b + b + a * a), axis=1)
+
+    first, second = np.random.default_rng(rows).normal(size=(2, rows, WIDTH))
+    np.testing.assert_array_equal(compiled(rotated)(first, second), rotated(first, second))
+
+
 def test_a_row_has_the_same_result_alone_and_among_others() -> None:
     draw = np.random.default_rng(3)
     first, second = draw.normal(size=(2, 21, WIDTH))
-    run = compiled(lambda a, b: np.cos(a * b) @ MATRIX + np.arctan2(a, b)[:, 1:])
+    run = compiled(
+        lambda a, b: (np.cos(a * b) @ MATRIX + np.arctan2(a, b)[:, 1:]) * np.arccos(np.tanh(a))[:, 1:] - (a * b)[:, 1:]
+    )
     together = run(first, second)
     alone = np.concatenate([run(first[row : row + 1], second[row : row + 1]) for row in range(21)])
     np.testing.assert_array_equal(together, alone)
