@@ -31,7 +31,7 @@ enum {
     EXP, LOG, TAN, TANH, ARCCOS, ARCSIN, ARCTAN, CBRT, EXPM1,
     ADD, SUBTRACT, MULTIPLY, DIVIDE, MAXIMUM, MINIMUM, LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL,
     LOGICAL_AND, LOGICAL_OR, ARCTAN2, POWER, HYPOT,
-    WHERE, MATMUL, DOT, INTERP, SIN_COS, SUM_OF_PRODUCTS, DIFFERENCE_OF_PRODUCTS
+    WHERE, MATMUL, DOT, INTERP, SIN_COS, SUM_OF_PRODUCTS, DIFFERENCE_OF_PRODUCTS, SPARSE
 };
 
 enum { RUN, SAME, TABLE }; /* where an operand lies: consecutive values, one value for all, a table of values */
@@ -250,6 +250,29 @@ matmul(const int L, int64_t rows, int64_t inner, int64_t columns, double *restri
     }
 }
 
+/* A product with a matrix of mostly zeros. `terms`: for each value of the result, the count of its terms and their
+   places. The factors lie in the order of the terms. */
+static inline __attribute__((always_inline)) void
+sparse(const int L, int64_t count, double *restrict out, const double *values, const int32_t *terms,
+       const double *factors)
+{
+    for (int64_t i = 0; i < count; i++, out += L) {
+        int32_t left = *terms++;
+        if (L == 1) {
+            double sum = 0.0;
+            for (; left > 0; left--)
+                sum += values[*terms++] * *factors++;
+            *out = sum;
+            continue;
+        }
+        vd sums[LANES / WIDTH] = {{0}};
+        for (; left > 0; left--, terms++, factors++)
+            for (int part = 0; part < LANES / WIDTH; part++)
+                sums[part] += loaded(values + (int64_t)*terms * LANES + part * WIDTH) * *factors;
+        memcpy(out, sums, sizeof sums);
+    }
+}
+
 static void interpolate(int64_t count, double *restrict out, const double *restrict a, int64_t points,
                         const double *restrict xp, const double *restrict fp)
 {
@@ -305,6 +328,10 @@ run_lanes(const int L, const int32_t *code, int64_t operations, const int32_t *t
             code = extra + 3;
             break;
         }
+        case SPARSE: /* extra: places of the terms and of the factors */
+            sparse(L, count, out, values, tables + extra[0], matrices + extra[1]);
+            code = extra + 2;
+            break;
         case DOT: { /* extra: terms; operands hold (terms, count) values */
             int64_t terms = extra[0];
             const double *a = operand(L, operands, terms * count, values, tables, room);

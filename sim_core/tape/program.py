@@ -29,6 +29,7 @@ from sim_core.tape.traced import (
     MATMUL,
     OPERATIONS,
     SIN_COS,
+    SPARSE,
     SUM_OF_PRODUCTS,
     Numbers,
     TapeOperation,
@@ -281,6 +282,8 @@ def _parts(operation: TapeOperation, place: Numbers) -> list[TapeOperation]:
 def _encoded(
     operation: TapeOperation, place: Numbers, tables: list[NDArray[int32]], matrices: list[Array]
 ) -> list[int]:
+    if operation.name == MATMUL and 2 * np.count_nonzero(operation.tables[0]) < operation.tables[0].size:
+        return _sparse(operation, place, tables, matrices)
     count = operation.operands[0].size if operation.name == SIN_COS else operation.result.size
     code = [OPERATIONS.index(operation.name), count, int(place[operation.result[0]])]
     code.append(len(operation.operands))
@@ -294,6 +297,19 @@ def _encoded(
         abscissae, ordinates = operation.tables
         code += [abscissae.size, _stored(abscissae, matrices), _stored(ordinates, matrices)]
     return code
+
+
+def _sparse(operation: TapeOperation, place: Numbers, tables: list[NDArray[int32]], matrices: list[Array]) -> list[int]:
+    """Encode a product with a matrix of mostly zeros by its other terms, which the kernel sums in the same order."""
+    (matrix,) = operation.tables
+    columns = [(np.flatnonzero(column), column[column != 0.0]) for column in matrix.T]
+    rows = place[operation.operands[0]].reshape(-1, len(matrix))
+    terms = [np.concatenate([[used.size], row[used]]) for row in rows for used, _ in columns]
+    factors = [values for _ in rows for _, values in columns]
+    start = sum(table.size for table in tables)
+    tables.append(np.concatenate(terms).astype(int32))
+    code = [OPERATIONS.index(SPARSE), operation.result.size, int(place[operation.result[0]]), 0]
+    return [*code, start, _stored(np.concatenate(factors), matrices)]
 
 
 def _operand(places: Numbers, tables: list[NDArray[int32]]) -> tuple[int, int]:

@@ -32,8 +32,8 @@ ELEMENT_WISE = (
 )
 """Operations on each value, in the order of kernel.c."""
 MATMUL, DOT, INTERP, SIN_COS = "matmul", "dot", "interp", "sin_cos"
-SUM_OF_PRODUCTS, DIFFERENCE_OF_PRODUCTS = "sum_of_products", "difference_of_products"
-OPERATIONS = (*ELEMENT_WISE, MATMUL, DOT, INTERP, SIN_COS, SUM_OF_PRODUCTS, DIFFERENCE_OF_PRODUCTS)
+SUM_OF_PRODUCTS, DIFFERENCE_OF_PRODUCTS, SPARSE = "sum_of_products", "difference_of_products", "sparse"
+OPERATIONS = (*ELEMENT_WISE, MATMUL, DOT, INTERP, SIN_COS, SUM_OF_PRODUCTS, DIFFERENCE_OF_PRODUCTS, SPARSE)
 
 
 class NotRecordableError(Exception):

@@ -25,6 +25,7 @@ from sim_core.tape.traced import ELEMENT_WISE, NotRecordableError, TapeRecorder
 pytestmark = needs_kernel
 WIDTH = 6
 MATRIX = np.random.default_rng(1).normal(size=(WIDTH, 5))
+SPARSE = np.where(np.arange(WIDTH * 9).reshape(WIDTH, 9) % 7 == 1, np.arange(1.0, 10.0), 0.0)  # with columns of zeros
 ABSCISSAE, ORDINATES = np.array([-2.0, -0.5, 0.0, 1.0, 3.0]), np.array([1.0, -1.0, 4.0, 4.0, 0.5])
 
 
@@ -63,6 +64,8 @@ def filled(a: Any, b: Any) -> Any:
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "a constant matrix": lambda a, b: a @ MATRIX + b[:, :5],
     "a constant matrix of three rows": lambda a, b: (a.reshape(1, 2, 3) @ MATRIX[:3] * b[:, :2, None]).reshape(1, -1),
+    "a sparse matrix": lambda a, b: a @ SPARSE + (b * 2.0) @ SPARSE,
+    "a sparse matrix of three rows": lambda a, b: (a.reshape(1, 2, 3)[:, ::-1] @ SPARSE[:3]).reshape(1, -1),
     "two matrices": lambda a, b: (a.reshape(1, 2, 3) @ b.reshape(1, 3, 2)).reshape(1, -1),
     "a matrix and a vector": lambda a, b: np.vecdot(a.reshape(1, 2, 3), b[:, None, :3]),
     "dot": lambda a, b: a.dot(MATRIX) * 2.0 - b[:, 1:],
@@ -144,7 +147,13 @@ def test_a_row_has_the_same_result_alone_and_among_others() -> None:
     draw = np.random.default_rng(3)
     first, second = draw.normal(size=(2, 21, WIDTH))
     run = compiled(
-        lambda a, b: (np.cos(a * b) @ MATRIX + np.arctan2(a, b)[:, 1:]) * np.arccos(np.tanh(a))[:, 1:] - (a * b)[:, 1:]
+        lambda a, b: np.concatenate(
+            (
+                np.cos(a * b) @ MATRIX + np.arctan2(a, b)[:, 1:] * np.arccos(np.tanh(a))[:, 1:] - (a * b)[:, 1:],
+                a @ SPARSE,
+            ),
+            axis=1,
+        )
     )
     together = run(first, second)
     alone = np.concatenate([run(first[row : row + 1], second[row : row + 1]) for row in range(21)])
