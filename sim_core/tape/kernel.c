@@ -17,6 +17,8 @@ enum { BYTES = 16 };
 #endif
 typedef double vd __attribute__((vector_size(BYTES)));
 typedef int64_t vi __attribute__((vector_size(BYTES)));
+enum { NARROW = BYTES == 16 ? 2 : 4 };
+typedef double vn __attribute__((vector_size(NARROW * 8)));
 enum { LANES = 8, WIDTH = BYTES / 8 };
 
 static inline __attribute__((always_inline)) vd loaded(const double *from)
@@ -181,20 +183,48 @@ static void element_wise(int op, int64_t count, double *restrict out, const doub
     }
 }
 
-/* (rows, inner) @ (inner, columns) constant, of one lane. */
+/* Up to eight columns of one row of the product, of one lane. Vectors hold the sums: gcc leaves an array in memory. */
 static inline __attribute__((always_inline)) void
-matmul_of_one(const int64_t columns, int64_t rows, int64_t inner, double *restrict out, const double *restrict a,
-              const double *restrict matrix)
+matmul_of_columns(const int used, int64_t inner, int64_t columns, double *restrict out, const double *restrict a,
+                  const double *restrict matrix)
 {
-    for (int64_t i = 0; i < rows; i++, out += columns, a += inner) {
-        double few[LANES] = {0}, *sum = columns <= LANES ? few : out;
-        for (int64_t j = 0; columns > LANES && j < columns; j++)
-            out[j] = 0.0;
-        for (int64_t k = 0; k < inner; k++)
-            for (int64_t j = 0; j < columns; j++)
-                sum[j] += a[k] * matrix[k * columns + j];
-        if (columns <= LANES)
-            memcpy(out, few, (size_t)columns * sizeof *few);
+    const int whole = used / NARROW, rest = used % NARROW;
+    vn sum[8 / NARROW + 1] = {{0}};
+    for (int64_t k = 0; k < inner; k++, matrix += columns) {
+        for (int part = 0; part < whole; part++) {
+            vn factors;
+            memcpy(&factors, matrix + part * NARROW, sizeof factors);
+            sum[part] += a[k] * factors;
+        }
+        vn last = {0};
+        for (int t = 0; t < rest; t++)
+            last[t] = matrix[whole * NARROW + t];
+        if (rest)
+            sum[whole] += a[k] * last;
+    }
+    for (int part = 0; part < whole; part++)
+        memcpy(out + part * NARROW, &sum[part], sizeof(vn));
+    for (int t = 0; t < rest; t++)
+        out[whole * NARROW + t] = sum[whole][t];
+}
+
+/* (rows, inner) @ (inner, columns) constant, of one lane. */
+static void matmul_of_one(int64_t rows, int64_t inner, int64_t columns, double *restrict out,
+                          const double *restrict a, const double *restrict matrix)
+{
+    for (int64_t i = 0; i < rows; i++, a += inner, out += columns) {
+        int64_t j = 0;
+        for (; j + 8 <= columns; j += 8)
+            matmul_of_columns(8, inner, columns, out + j, a, matrix + j);
+        if (j + 4 <= columns) {
+            matmul_of_columns(4, inner, columns, out + j, a, matrix + j);
+            j += 4;
+        }
+        switch (columns - j) { /* loops of known length are faster */
+        case 1: matmul_of_columns(1, inner, columns, out + j, a, matrix + j); break;
+        case 2: matmul_of_columns(2, inner, columns, out + j, a, matrix + j); break;
+        case 3: matmul_of_columns(3, inner, columns, out + j, a, matrix + j);
+        }
     }
 }
 
@@ -239,15 +269,7 @@ matmul(const int L, int64_t rows, int64_t inner, int64_t columns, double *restri
         matmul_of_eight(rows, inner, columns, out, a, matrix);
         return;
     }
-    switch (columns) { /* loops of known length are faster */
-    case 1: matmul_of_one(1, rows, inner, out, a, matrix); return;
-    case 2: matmul_of_one(2, rows, inner, out, a, matrix); return;
-    case 3: matmul_of_one(3, rows, inner, out, a, matrix); return;
-    case 4: matmul_of_one(4, rows, inner, out, a, matrix); return;
-    case 6: matmul_of_one(6, rows, inner, out, a, matrix); return;
-    case 15: matmul_of_one(15, rows, inner, out, a, matrix); return;
-    default: matmul_of_one(columns, rows, inner, out, a, matrix);
-    }
+    matmul_of_one(rows, inner, columns, out, a, matrix);
 }
 
 /* A product with a matrix of mostly zeros. `terms`: for each value of the result, the count of its terms and their
