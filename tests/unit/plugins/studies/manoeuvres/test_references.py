@@ -26,6 +26,7 @@ from xitl_cli.profile.files.catalogue import shipped_profiles
 
 REFERENCES = (closed_forms, panel_reference, published, published_tables, references)
 DATA = {
+    "sim_core.dataclass": {"dataclass"},
     "sim_core.environment.spec": {"Water"},
     "sim_core.vessel.panel_tables": {"PanelTables"},
     "sim_core.vessel.spec": {"CrossFlowDrag", "DemiHull", "Propeller", "VesselSpec"},
