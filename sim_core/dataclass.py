@@ -17,10 +17,14 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, *, frozen=False, slots=False, eq=True, kw_only=False):
-        """Make a class a dataclass, with these options of `dataclasses.dataclass`. InitVar is not supported."""
+        """Make a class a dataclass, with these options of `dataclasses.dataclass`. InitVar is not supported.
+
+        A class without a docstring gets its name as one, and not its signature, which would compile `__init__` at once.
+        """
 
         def process(cls):
             own = vars(cls)
+            cls.__doc__ = cls.__doc__ or cls.__name__
             methods = {"__init__": _DeferredInit(frozen), "__repr__": _repr}
             if eq:
                 methods["__eq__"] = _eq
@@ -63,7 +67,9 @@ class _DeferredInit:
         self._frozen = frozen
 
     def __get__(self, instance: object, owner: type) -> Any:
-        holder = next(cls for cls in owner.__mro__ if vars(cls).get("__init__") is self)
+        # Python 3.13's inspect passes the class as the instance
+        of_class = instance if isinstance(instance, type) else owner
+        holder = next(cls for cls in of_class.__mro__ if vars(cls).get("__init__") is self)
         init = _compiled_init(holder, self._frozen)
         holder.__init__ = init  # type: ignore[misc] # that of a class, on purpose
         return init.__get__(instance, owner)

@@ -147,6 +147,16 @@ def test_a_nan_equals_itself() -> None:
     assert Single(nan) == Single(nan)
 
 
+def test_a_class_without_a_docstring_has_its_signature() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Plain:
+        a: int
+        b: float = 2.0
+
+    assert str(inspect.signature(Plain)) == "(a: 'int', b: 'float' = 2.0) -> None"
+    assert Plain(1) == Plain(1, 2.0)
+
+
 def test_an_own_init_or_hash_is_kept() -> None:
     @dataclass(frozen=True)
     class Own:
