@@ -28,7 +28,7 @@ else:
             methods = {"__init__": _DeferredInit(frozen), "__repr__": _repr}
             if eq:
                 methods["__eq__"] = _eq
-                if "__eq__" in own or "__hash__" not in own:
+                if own.get("__hash__") is None:  # Python sets None for a class with its own __eq__
                     cls.__hash__ = _hash if frozen else None
             # The standard library accepts a frozen base below a frozen class only, and then makes these methods.
             frozen_base = any(dataclasses.is_dataclass(base) for base in cls.__mro__[1:]) and frozen

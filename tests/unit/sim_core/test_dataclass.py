@@ -157,7 +157,7 @@ def test_a_class_without_a_docstring_has_its_signature() -> None:
     assert Plain(1) == Plain(1, 2.0)
 
 
-def test_an_own_init_or_hash_is_kept() -> None:
+def test_own_methods_are_kept() -> None:
     @dataclass(frozen=True)
     class Own:
         """With its own methods."""
@@ -167,11 +167,30 @@ def test_an_own_init_or_hash_is_kept() -> None:
         def __init__(self) -> None:
             object.__setattr__(self, "a", 7)
 
+        def __eq__(self, other: object) -> bool:
+            return isinstance(other, Own)
+
         def __hash__(self) -> int:
             return 42
 
     assert Own().a == 7
     assert hash(Own()) == 42
+    assert Own() == Own()
+
+
+def test_an_own_comparison_has_the_hash_of_the_fields() -> None:
+    """As in the standard library."""
+
+    @dataclass(frozen=True)
+    class Own:
+        """With its own comparison."""
+
+        a: int
+
+        def __eq__(self, other: object) -> bool:
+            return isinstance(other, Own)
+
+    assert hash(Own(3)) == hash((3,))
 
 
 def test_modules_of_runs_use_it() -> None:
