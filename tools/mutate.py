@@ -8,7 +8,8 @@
 Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Coverage.py measures first
 which tests execute which line: all fast and medium tests for random places, which build/ keeps for the commit, else the
 unit tests that import the files or are of their packages. Each mutant is tested with the tests that execute its
-statement. Exit status 1 means that a mutant survived.
+statement. Tests that a mutant keeps beyond a limit are ended, which counts as killed; those mutants are printed too,
+because they need a look: did the mutation loop? Exit status 1 means that a mutant survived.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ import resource
 import signal
 import subprocess
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from difflib import unified_diff
 from functools import cache
+from importlib.util import cache_from_source
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np  # noqa: F401 - a fork has it; packages of plug-ins of pytest must not be imported before it
 import pytest
@@ -43,8 +45,10 @@ GENERATED = "agent/wire/dialect.py"
 PYTEST = ("-p", "no:cacheprovider", "-m", "not slow and not realtime")
 LONGEST_TESTS_S = 60.0
 """Time of the tests of one mutant without it. The longest tests beyond are left out."""
-MOST_PROCESSOR_S, MOST_SECONDS = 300, 900
-"""A mutant may loop or wait without end."""
+MOST_PROCESSOR_S, MOST_S = (20.0, 2.0), (60.0, 4.0)
+"""A mutant may loop or wait without end: seconds, and further ones for each second that its tests take without it."""
+MOST_BYTES = 8 * 1024**3
+"""A mutant that loops may fill the memory."""
 PLACES_A_FILE = 3
 """Random places in a file. To list the mutants of a file takes as long as some tests."""
 COVERAGE = """\
@@ -72,6 +76,8 @@ class Survival(NamedTuple):
     survived: int
     unexecuted: int
     """Of those that survived: at statements that no test executes."""
+    ended: int
+    """Of the others: those whose tests were ended at a limit."""
 
 
 def main() -> int:
@@ -101,10 +107,10 @@ def main() -> int:
     else:
         base = None if options.files else options.base
         results = [mutate(file, mutants_of(file, base), suite) for file in files]
-    tested, survived, unexecuted = (sum(numbers) for numbers in zip(*results, strict=True))
+    tested, survived, unexecuted, ended = (sum(numbers) for numbers in zip(*results, strict=True))
     print(
         f"{survived} of {tested} mutants survived, {unexecuted} of them where no test goes; "
-        f"{1.0 - survived / max(tested, 1):.1%} were killed"
+        f"{1.0 - survived / max(tested, 1):.1%} were killed, {ended} of them at a limit"
     )
     return 1 if survived else 0
 
@@ -184,7 +190,7 @@ class SuiteMap:
             if test not in failed:
                 self._times_s[test] += float(seconds)
         shortest = min(self._times_s, key=self._times_s.__getitem__, default="")
-        if not shortest or not pass_all([shortest]):
+        if not shortest or run_tests([shortest], self) != "passed":
             sys.exit(f"no test passes without a mutant; see {report}")
 
     def tests_at(self, mutation: MutationSpec) -> list[str]:
@@ -203,6 +209,9 @@ class SuiteMap:
             tests |= {test for test in self._times_s if test.partition("::")[0] in importing}
         return sorted(tests & self._times_s.keys(), key=self._times_s.__getitem__)
 
+    def time_s(self, tests: list[str]) -> float:
+        return sum(self._times_s[test] for test in tests)
+
     def affordable(self, tests: list[str]) -> list[str]:
         """Return the first of these tests that together take up to LONGEST_TESTS_S."""
         total_s, chosen = 0.0, []
@@ -219,7 +228,7 @@ def mutate(file: str, items: list[WorkItem], suite: SuiteMap) -> Survival:
     from cosmic_ray.mutating import use_mutation
     from cosmic_ray.plugins import get_operator
 
-    survived = unexecuted = 0
+    outcomes: Counter[str] = Counter()
     near = set(importing_tests(file))
     for item in items:
         mutation = item.mutations[0]
@@ -229,32 +238,48 @@ def mutate(file: str, items: list[WorkItem], suite: SuiteMap) -> Survival:
         far_tests = [test for test in chosen if test not in near_tests]
         operator = get_operator(mutation.operator_name)()
         with use_mutation(mutation.module_path, operator, mutation.occurrence) as (code, mutant):
-            killed = not pass_all(near_tests) or not pass_all(far_tests)
-        if not killed:
-            survived += 1
-            unexecuted += not tests
-            print(f"{file}:{mutation.start_pos[0]}: survived {len(chosen)} of {len(tests)} tests")
+            forget_bytecode(file)
+            outcome = run_tests(near_tests, suite)
+            if outcome == "passed":
+                outcome = run_tests(far_tests, suite)
+        forget_bytecode(file)
+        outcomes[outcome] += 1
+        outcomes["unexecuted"] += not tests
+        if outcome != "failed":
+            print(f"{file}:{mutation.start_pos[0]}: {len(chosen)} of {len(tests)} tests {outcome}")
             print(*unified_diff(code.split("\n"), mutant.split("\n"), file, file, lineterm=""), sep="\n", flush=True)
-    print(f"{file}: {survived} of {len(items)} survived", flush=True)
-    return Survival(len(items), survived, unexecuted)
+    print(f"{file}: {outcomes['passed']} of {len(items)} survived", flush=True)
+    return Survival(len(items), outcomes["passed"], outcomes["unexecuted"], outcomes["ended"])
 
 
-def pass_all(tests: list[str]) -> bool:
-    """Run tests up to the first that fails, in a fork of this process, which has large libraries imported."""
+def forget_bytecode(file: str) -> None:
+    """Python takes a mutant for the one before, if it has the same size and was written in the same second."""
+    Path(cache_from_source(file)).unlink(missing_ok=True)
+
+
+def run_tests(tests: list[str], suite: SuiteMap) -> Literal["passed", "failed", "ended"]:
+    """Run tests up to the first that fails, in a fork of this process, which has large libraries imported.
+
+    They are ended after a multiple of the time that they take without a mutant.
+    """
     if not tests:
-        return True
+        return "passed"
+    most_processor_s, most_s = (
+        int(least + factor * suite.time_s(tests)) for least, factor in (MOST_PROCESSOR_S, MOST_S)
+    )
     child = os.fork()
     if not child:
-        signal.alarm(MOST_SECONDS)
-        resource.setrlimit(resource.RLIMIT_CPU, (MOST_PROCESSOR_S, MOST_PROCESSOR_S))
+        signal.alarm(most_s)
+        resource.setrlimit(resource.RLIMIT_CPU, (most_processor_s, most_processor_s))
+        resource.setrlimit(resource.RLIMIT_DATA, (MOST_BYTES, MOST_BYTES))
         quiet = os.open(os.devnull, os.O_RDWR)
         for stream in range(3):
             os.dup2(quiet, stream)
         os._exit(pytest.main([*PYTEST, "-x", *tests]))
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) in (
-        pytest.ExitCode.OK,
-        pytest.ExitCode.NO_TESTS_COLLECTED,
-    )
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if code in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+        return "passed"
+    return "ended" if code in (-signal.SIGALRM, -signal.SIGKILL, -signal.SIGXCPU) else "failed"
 
 
 def statement_at(file: Path, line: int) -> tuple[int, bool]:
