@@ -116,7 +116,7 @@ def test_clouds_of_damage_do_no_harm() -> None:
 
 
 def test_without_odometry_it_says_so_and_looks_out_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "kiss_icp.pybind", None)
+    monkeypatch.setitem(sys.modules, "kiss_icp.config", None)
     companion = Companion()
     companion.clouds(2)
     said = "".join(texts(companion.said))
