@@ -45,10 +45,15 @@ _LANGUAGE = Language(
     null=True,
     elements=False,
 )
-_SCALAR: Mapping[str, Callable[[Any, Any], Any]] = {
-    **ARITHMETIC,
-    "**": lambda base, exponent: float(base) ** float(exponent),  # Python errors give an unknown value
-}
+
+
+def _power(base: float, exponent: float) -> float | None:
+    """Return None for a complex power, such as that of a negative number with a broken exponent."""
+    power = float(base) ** float(exponent)
+    return None if isinstance(power, complex) else power
+
+
+_SCALAR: Mapping[str, Callable[[Any, Any], Any]] = {**ARITHMETIC, "**": _power}
 _PREFIXES: Mapping[str, Callable[[Any], Any]] = {"not": operator.not_, "-": operator.neg, "+": operator.pos}
 
 
@@ -74,7 +79,7 @@ class Expression:
             return None
         except TypeError as error:
             raise ExpressionError(f"cannot be computed ({error}); compare values of one kind") from None
-        return None if isinstance(found, complex) or (isinstance(found, float) and math.isnan(found)) else found
+        return None if isinstance(found, float) and math.isnan(found) else found
 
     def holds(self, values: Mapping[str, Any]) -> bool | None:
         """Return the result as true, false or unknown."""
@@ -114,6 +119,8 @@ class Expression:
                 return result
             case Arithmetic(sign=sign, left=left, right=right):
                 sides = [self._evaluate(left, values), self._evaluate(right, values)]
+                if any(isinstance(side, str) for side in sides):  # Python repeats, joins and formats texts
+                    raise TypeError(f"{sign} of a text")
                 return None if None in sides else _SCALAR[sign](*sides)
             case Call(function=function, arguments=arguments):
                 numbers = [self._evaluate(one, values) for one in arguments]

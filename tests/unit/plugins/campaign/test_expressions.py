@@ -39,7 +39,7 @@ def test_what_holds(text: str, values: dict[str, object], said: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["a.b < 1", "a.b / 0 > 1", "sqrt(0 - a.c) > 0", "not a.b", "a.c / 0 < 1", "10 ** 999.5 > a.c"]
+    "text", ["a.b < 1", "a.b / 0 > 1", "sqrt(0 - a.c) > 0", "not a.b", "a.c / 0 < 1", "10 ** 999.5 > a.c", "(-a.c) ** 0.5 < 1"]
 )
 def test_what_cannot_be_computed_is_unknown(text: str) -> None:
     assert parse_expression(text).holds({"a.b": None, "a.c": 2.0}) is None
@@ -88,6 +88,20 @@ def test_what_is_no_expression_is_refused(text: str) -> None:
         parse_expression(text)
 
 
-def test_text_beside_numbers_says_so() -> None:
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ended < 2",
+        "2 ** ended > 1",
+        "ended ** 2 > 1",
+        "ended * 3 == 'finishedfinishedfinished'",
+        "ended + ended == 'finishedfinished'",
+        "'%' % 1 == '1'",
+        "'%d' % 1 == '1'",
+        "-ended < 1",
+        "abs(ended) < 1",
+    ],
+)
+def test_text_beside_numbers_says_so(text: str) -> None:
     with pytest.raises(ExpressionError, match="compare values of one kind"):
-        parse_expression("ended < 2").holds({"ended": "finished"})
+        parse_expression(text).holds({"ended": "finished"})
