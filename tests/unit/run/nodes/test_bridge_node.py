@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import lzma
+import time
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
@@ -53,8 +55,8 @@ BRIDGE_COUNTS = [field.name for field in fields(BridgeCounts)]
 
 
 class Case:
-    def __init__(self) -> None:
-        profile = load_profile("sitl-ardupilot", EXTERNAL).runnable()
+    def __init__(self, name: str = "sitl-ardupilot", overrides: Sequence[str] = EXTERNAL) -> None:
+        profile = load_profile(name, overrides).runnable()
         frame = local_frame(profile.site)
         self.sent: list[Any] = []
         self.view = AgentView(frame, lambda *_: None, lambda *_: None)
@@ -119,6 +121,13 @@ def test_one_that_starts_anew_in_the_mission_ends_the_run_and_before_it_arms_it_
     case.status(restarts=2)
     with pytest.raises(UserError, match=r"^the autopilot restarted during the mission, before 4.0 s"):
         case.update(4 * SECOND)
+
+
+def test_the_autopilots_utc_is_compared_with_the_hosts() -> None:
+    case = Case("hitl-ardupilot-usb", ())
+    assert case.bridge.known().utc_offset_s is None
+    case.hear(dialect.MAVLink_system_time_message(round((time.time() + 3600.0) * 1e6), 12_000))
+    assert case.bridge.known().utc_offset_s == pytest.approx(3600.0, abs=60.0)
 
 
 def test_nobody_who_asks_for_the_world_is_told_apart_from_one_that_stopped(golden: Golden) -> None:
