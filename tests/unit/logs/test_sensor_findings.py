@@ -136,6 +136,14 @@ def test_a_barometer_under_way_that_repeats_a_value_is_stuck(speed_mps: float, e
     assert keys(report(imu(), baro(pressure_pa), moving)) == expected
 
 
+def test_the_table_shows_the_share_of_repeated_rows():
+    pressure_pa = 100_600.0 + np.random.default_rng(4).standard_normal(len(stamps(60.0)))
+    pressure_pa[1::2] = pressure_pa[::2]
+    (grid,) = report(imu(), baro(pressure_pa)).grids
+    repeated = {row[0]: row[grid.columns.index("repeated %")] for row in grid.rows}
+    assert repeated == {"IMU": 0.0, "BARO": pytest.approx(100.0 * 1500 / 2999, abs=0.05)}
+
+
 def baro(pressure_pa: np.ndarray) -> MadeTable:
     return MadeTable("BARO", stamps(60.0), {"Press": pressure_pa}, units={"Press": "Pa"})
 
