@@ -8,8 +8,9 @@
 Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Coverage.py measures first
 which tests execute which line: all fast and medium tests for random places, which build/ keeps for the commit, else the
 unit tests that import the files or are of their packages. Each mutant is tested with the tests that execute its
-statement. Tests that a mutant keeps beyond a limit are ended, which counts as killed; those mutants are printed too,
-because they need a look: did the mutation loop? Exit status 1 means that a mutant survived.
+statement, then with the others of the same files. Tests that a mutant keeps beyond a limit are ended, which counts as
+killed; those mutants are printed too, because they need a look: did the mutation loop? Exit status 1 means that a
+mutant survived.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from difflib import unified_diff
 from functools import cache
 from importlib.util import cache_from_source
@@ -44,7 +45,7 @@ PRODUCT = ("agent", "sim_core", "xitl_cli")
 GENERATED = "agent/wire/dialect.py"
 PYTEST = ("-p", "no:cacheprovider", "-m", "not slow and not realtime")
 LONGEST_TESTS_S = 60.0
-"""Time of the tests of one mutant without it. The longest tests beyond are left out."""
+"""Time without the mutant of each part of its tests. The longest tests beyond are left out."""
 MOST_PROCESSOR_S, MOST_S = (20.0, 2.0), (60.0, 4.0)
 """A mutant may loop or wait without end: seconds, and further ones for each second that its tests take without it."""
 MOST_BYTES = 8 * 1024**3
@@ -62,6 +63,8 @@ GIT_FILTER = """\
 [cosmic-ray.filters.git-filter]
 branch = "{base}"
 """
+DOTTED_EXCEPTION = re.compile(r"\s*except\b[^:#]*\w\.\w")
+"""Cosmic Ray fails to replace such a name."""
 BITS = re.compile(r"BinaryOperator_(?:Add|Sub|Mul|Div|FloorDiv|Mod|Pow)_(?:[LR]Shift|Bit\w+)$")
 TIME = re.compile(r"(?m)^([\d.]+)s (?:call|setup|teardown) +(\S+?::\w+(?:::\w+)*)")
 FAILED = re.compile(r"(?m)^(?:FAILED|ERROR) (\S+?::\w+(?:::\w+)*)")
@@ -205,8 +208,22 @@ class SuiteMap:
         lines = range(first, mutation.end_pos[0] + 1) if in_function else contexts
         tests = {context.partition("|")[0].partition("[")[0] for line in lines for context in contexts.get(line, ())}
         if not in_function:
-            importing = set(importing_tests(file))
-            tests |= {test for test in self._times_s if test.partition("::")[0] in importing}
+            tests |= self._tests_in(importing_tests(file))
+        return self._shortest_first(tests)
+
+    def tests_near(self, file: str, tests: list[str]) -> list[str]:
+        """Return the other tests of the files of these tests and of those that import `file`, the shortest first.
+
+        They may notice a mutant too: coverage ascribes a fixture of a module or a cached value to its first user alone,
+        and sees no other process.
+        """
+        files = {test.partition("::")[0] for test in tests}.union(importing_tests(file))
+        return self._shortest_first(self._tests_in(files).difference(tests))
+
+    def _tests_in(self, files: Collection[str]) -> set[str]:
+        return {test for test in self._times_s if test.partition("::")[0] in files}
+
+    def _shortest_first(self, tests: set[str]) -> list[str]:
         return sorted(tests & self._times_s.keys(), key=self._times_s.__getitem__)
 
     def time_s(self, tests: list[str]) -> float:
@@ -232,21 +249,24 @@ def mutate(file: str, items: list[WorkItem], suite: SuiteMap) -> Survival:
     near = set(importing_tests(file))
     for item in items:
         mutation = item.mutations[0]
-        tests = suite.tests_at(mutation)
-        chosen = suite.affordable(tests)
-        near_tests = [test for test in chosen if test.partition("::")[0] in near]
-        far_tests = [test for test in chosen if test not in near_tests]
+        executing = suite.tests_at(mutation)
+        others = suite.tests_near(file, executing)
+        parts = [
+            suite.affordable([test for test in executing if test.partition("::")[0] in near]),
+            suite.affordable([test for test in executing if test.partition("::")[0] not in near]),
+            suite.affordable(others),
+        ]
         operator = get_operator(mutation.operator_name)()
         with use_mutation(mutation.module_path, operator, mutation.occurrence) as (code, mutant):
             forget_bytecode(file)
-            outcome = run_tests(near_tests, suite)
-            if outcome == "passed":
-                outcome = run_tests(far_tests, suite)
+            outcomes_of_parts = (run_tests(tests, suite) for tests in parts)
+            outcome = next((one for one in outcomes_of_parts if one != "passed"), "passed")
         forget_bytecode(file)
         outcomes[outcome] += 1
-        outcomes["unexecuted"] += not tests
+        outcomes["unexecuted"] += outcome == "passed" and not executing
         if outcome != "failed":
-            print(f"{file}:{mutation.start_pos[0]}: {len(chosen)} of {len(tests)} tests {outcome}")
+            tests = f"{sum(map(len, parts))} of {len(executing) + len(others)} tests"
+            print(f"{file}:{mutation.start_pos[0]}: {tests} {outcome}, {len(executing)} of them execute it")
             print(*unified_diff(code.split("\n"), mutant.split("\n"), file, file, lineterm=""), sep="\n", flush=True)
     print(f"{file}: {outcomes['passed']} of {len(items)} survived", flush=True)
     return Survival(len(items), outcomes["passed"], outcomes["unexecuted"], outcomes["ended"])
@@ -317,11 +337,13 @@ def mutants_of(file: str, base: str | None) -> list[WorkItem]:
             configuration.write_text(GIT_FILTER.format(base=git(ROOT, "rev-parse", base).strip()))
             program = Path(sys.executable).parent / "cr-filter-git"
             subprocess.run([program, "--config", configuration, session], check=True)
-        unions = list(_annotations(Path(file)))
+        unions, lines = list(_annotations(Path(file))), Path(file).read_text(encoding="utf-8").split("\n")
         return [
             item
             for item in database.pending_work_items
-            if not _is_in(unions, item.mutations[0]) and not BITS.search(item.mutations[0].operator_name)
+            if not _is_in(unions, item.mutations[0])
+            and not BITS.search(item.mutations[0].operator_name)
+            and not DOTTED_EXCEPTION.match(lines[item.mutations[0].start_pos[0] - 1])
         ]
 
 
