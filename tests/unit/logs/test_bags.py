@@ -192,6 +192,9 @@ def test_so_are_other_databases_and_folders(tmp_path: Path) -> None:
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  relative_file_paths: [bag_0.mcap]\n")
     with pytest.raises(LogError, match="none of these files exists"):
         open_log(folder)
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {{relative_file_paths: [{'b' * 300}.mcap]}}\n")
+    with pytest.raises(LogError, match="none of these files exists"):
+        open_log(folder)
     (folder / "metadata.yaml").write_text("{")
     with pytest.raises(LogError, match="not valid metadata of a bag"):
         open_log(folder)

@@ -49,6 +49,12 @@ def test_at_either_end_it_must_be_very_far(tmp_path: Path, row: int, stamp_us: i
             assert log.health.replaced_stamps == replaced
 
 
+def test_two_rows_that_are_far_apart_keep_their_times(tmp_path: Path) -> None:
+    with log_of(tmp_path / "x.bin", [0, 5 * HOUR_US], {}) as log:
+        assert log.tables["D"].stamp_ns.tolist() == [0, 5 * HOUR_US * 1000]
+        assert log.health.replaced_stamps == 0
+
+
 def test_a_rare_type_is_held_against_what_surrounds_it(tmp_path: Path) -> None:
     with log_of(tmp_path / "x.bin", STEADY_US, {100: [STEADY_US[100]], 200: [2**50], 300: [STEADY_US[300]]}) as log:
         assert log.tables["R"].stamp_ns.tolist() == [STEADY_US[row] * 1000 for row in (100, 200, 300)]

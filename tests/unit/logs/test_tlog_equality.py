@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from telemetry import START_US, frame, record, theirs
 
 from tests.recorded import MISSION_TLOG
+from xitl_cli.logs import LogError, open_log
 from xitl_cli.logs.formats.tlog import file as file_module
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
 
@@ -66,6 +67,15 @@ def test_every_message_in_both_versions(tmp_path: Path, monkeypatch: pytest.Monk
         assert_equal(log, truth)
         assert not log.health.degraded
         assert int(log.facts["signed frames"]) == len(range(0, 1500, 7))
+
+
+def test_a_lone_byte_that_could_begin_a_frame_is_damage(tmp_path: Path) -> None:
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(bytes.fromhex("fe000000000000022d"))
+    with pytest.raises(LogError):
+        open_log(path)
+    found = file_module.index_frames(np.fromfile(path, dtype=np.uint8))
+    assert (len(found.start), found.losses.lost_bytes + found.losses.truncated_bytes) == (0, 9)
 
 
 @pytest.mark.parametrize("seed", range(6))

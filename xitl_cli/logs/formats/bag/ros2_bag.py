@@ -189,7 +189,7 @@ def open_bag_folder(path: Path) -> Log:
     try:
         parts, absent = list[Log](), list[str]()
         for file in folder.files:
-            if not file.is_file():
+            if not _is_file(file):
                 absent.append(file.name)
                 continue
             whole = _unpacked_file(file, opened) if file.suffix == _PACKED else file
@@ -202,6 +202,13 @@ def open_bag_folder(path: Path) -> Log:
         return JoinedLog(path, parts, notes, opened.pop_all())
     finally:
         opened.close()
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long for the system
+        return False
 
 
 def _unpacked_file(file: Path, opened: ExitStack) -> Path:

@@ -110,7 +110,7 @@ class Times:
         places = [place for place, _ in self._blocks()]
         stamp_ns = np.concatenate([self._told_ns(place) for place in places])
         wrong = implausible(stamp_ns)
-        if not len(wrong):
+        if not 0 < len(wrong) < len(stamp_ns):  # if all are wrong, there is none to replace them
             return found, nothing
         right = np.ones(len(stamp_ns), np.bool_)
         right[wrong] = False

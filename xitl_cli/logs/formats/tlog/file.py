@@ -177,9 +177,10 @@ class _Walk:
         good = intact(self.data, block.frames)
         unknown = block.frames.readable & (block.frames.kind == UNKNOWN)
         after = block.following
-        followed = (after == _LEAVES) | ((after >= 0) & good[after])
+        goes_on, next_frame = after >= 0, np.maximum(after, 0)
+        followed = (after == _LEAVES) | (goes_on & good[next_frame])
         for _ in range(_UNKNOWN_IN_A_ROW):
-            followed |= (after >= 0) & unknown[after] & followed[after]
+            followed |= goes_on & unknown[next_frame] & followed[next_frame]
         readable = block.frames.readable.tolist()
         sure = np.flatnonzero(good & (followed | self._near(block)))
         sure_starts = block.frames.start[sure].tolist()
