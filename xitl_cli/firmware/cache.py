@@ -20,6 +20,7 @@ from typing import Any
 from sim_core.dataclass import dataclass
 from xitl_cli.cache import cache_root
 from xitl_cli.errors import UserError
+from xitl_cli.paths import user_path
 
 PROGRAMS = {"rover": "ardurover", "plane": "arduplane", "copter": "arducopter", "sub": "ardusub"}
 """Name of the firmware as a program, by vehicle. Images for boards add a suffix."""
@@ -138,10 +139,10 @@ def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:
     here.
     """
     if given != FIND:
-        return _checked_program(Path(given).expanduser())
+        return _checked_program(user_path(given))
     variable = named_by(vehicle, build)
     if variable is not None:
-        return _checked_program(Path(os.environ[variable]).expanduser(), variable)
+        return _checked_program(user_path(os.environ[variable]), variable)
     name = PROGRAMS[vehicle] if build == SITL else f"{PROGRAMS[vehicle]}-linux"
     on_path = shutil.which(name)
     program = Path(on_path) if on_path is not None else find_program(vehicle, build)
@@ -177,7 +178,7 @@ def find_px4(given: str = FIND) -> tuple[Path, Path]:
             f"autopilot.firmware: px4 is not on the PATH, and {PX4_VARIABLE} is not set; build PX4 with "
             "`make px4_sitl_default` and give the path of its bin/px4 with --firmware"
         )
-    program = _checked_program(Path(named).expanduser(), PX4_VARIABLE if variable else _KEY)
+    program = _checked_program(user_path(named), PX4_VARIABLE if variable else _KEY)
     data = program.resolve().parent.parent / "etc"
     if not (data / "init.d-posix" / "rcS").is_file():
         raise UserError(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
+from xitl_cli.paths import user_path
 from xitl_cli.profile.checks import check, check_fleet, check_vessel
 from xitl_cli.profile.files import parameter_files
 from xitl_cli.profile.files.catalogue import PROFILE, SUFFIXES, find_profile
@@ -236,7 +237,7 @@ def _rewritten(entry: Entry, path: KeyPath, suffixes: tuple[str, ...], behind: s
         if not file.endswith(suffixes):
             return entry
         folder = Path() if entry.origin.line is None else Path(entry.origin.source).parent
-        return Entry(f"{(folder / Path(file).expanduser()).absolute()}{mark}{rest}", entry.origin)
+        return Entry(f"{(folder / user_path(file)).absolute()}{mark}{rest}", entry.origin)
     below = entry.child(path[0])
     if below is None:
         return entry

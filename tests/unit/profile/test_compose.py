@@ -123,6 +123,14 @@ def test_a_bare_name_is_the_shipped_profile_whatever_lies_in_the_folder(write: W
     assert find_profile("sitl") == shipped_profiles()["sitl"]
 
 
+@pytest.mark.parametrize(
+    ("name", "said"), [("~nobody-here", "there is no profile"), ("~nobody-here/boat.yaml", "boat.yaml does not exist")]
+)
+def test_the_home_of_an_unknown_user_is_a_name_like_others(name: str, said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        find_profile(name)
+
+
 def test_a_missing_file_is_named(write: Write) -> None:
     write("clock: {}")
     with pytest.raises(UserError, match=r"^boot\.yaml does not exist; check the path"):

@@ -23,6 +23,7 @@ from typing import Annotated, Any, Literal
 from sim_core.dataclass import dataclass
 from sim_core.keys import Bounds, Positive, Seed, Specification, SpecificationError, ValueProblem
 from xitl_cli.errors import UserError
+from xitl_cli.paths import user_path
 from xitl_cli.plugins.campaign import figures
 from xitl_cli.plugins.campaign.axes import EXTENDS, Axis, Combine, RunPoint, combinations, raw_count, read_axes
 from xitl_cli.plugins.campaign.base import BaseProfile
@@ -217,7 +218,7 @@ def find_plan(name: str) -> Path:
     """Return the file of a plan: a path, or the name of a shipped one. Raises UserError."""
     from xitl_cli.shipped import campaigns_dir
 
-    path = Path(name).expanduser()
+    path = user_path(name)
     if path.is_file():
         return path
     try:

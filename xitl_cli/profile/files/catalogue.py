@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from xitl_cli.errors import UserError
+from xitl_cli.paths import user_path
 from xitl_cli.registry import PROFILES, load_all
 from xitl_cli.shipped import profiles_dir
 
@@ -62,7 +63,7 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
     name is a shipped profile, by its full name or its last part if that is unique. Otherwise it is the path of a file,
     or of a folder with a profile.yaml, as `xitl init` and a run create. Raises UserError with suggestions.
     """
-    path = (beside or Path()) / Path(name).expanduser()
+    path = (beside or Path()) / user_path(name)
     if name.endswith(SUFFIXES):
         if not _is_file(path):
             problem = "does not exist"

@@ -16,6 +16,7 @@ from agent.fcu.parameters import checked, checked_parm
 from agent.files import read_text
 from agent.mavlink.parameter_rows import ParameterError, load_parm
 from xitl_cli.errors import UserError
+from xitl_cli.paths import user_path
 from xitl_cli.shipped import firmware_params_dir
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def find_parameter_file(name: str) -> Path:
     Raises UserError.
     """
     if name.endswith(SUFFIXES):
-        path = Path(name).expanduser()
+        path = user_path(name)
         if path.is_file():
             return path
         problem = "is not a regular file" if path.exists() else "does not exist"
