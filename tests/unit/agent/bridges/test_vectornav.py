@@ -122,6 +122,17 @@ def test_set_up() -> None:
     assert (port.commands, port.refused, port.restarts, port.junk) == (8, 0, 0, 0)
 
 
+def test_type_and_rate_of_the_text_output_are_registers_6_and_7_of_each_port() -> None:
+    port = CommandPort()
+    answers(port, "VNWRG,06,14,1", "VNWRG,07,20,2")
+    asked = ("VNRRG,06,1", "VNRRG,06,2", "VNRRG,07,1", "VNRRG,07,2")
+    assert answers(port, *asked) == [
+        sentence(f"{body[:8]},{value}").decode() for body, value in zip(asked, (14, 0, 40, 20), strict=True)
+    ]
+    answers(port, "VNWRG,07,5")
+    assert answers(port, *asked[2:]) == [sentence("VNRRG,07,5").decode()] * 2
+
+
 def test_nothing_is_set_up_before_the_outputs_are_on() -> None:
     port = CommandPort()
     for body in SET_UP[:-1]:

@@ -39,7 +39,8 @@ def test_what_holds(text: str, values: dict[str, object], said: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["a.b < 1", "a.b / 0 > 1", "sqrt(0 - a.c) > 0", "not a.b", "a.c / 0 < 1", "10 ** 999.5 > a.c", "(-a.c) ** 0.5 < 1"]
+    "text",
+    ["a.b < 1", "a.b / 0 > 1", "sqrt(0 - a.c) > 0", "not a.b", "a.c / 0 < 1", "10 ** 999.5 > a.c", "(-a.c) ** 0.5 < 1"],
 )
 def test_what_cannot_be_computed_is_unknown(text: str) -> None:
     assert parse_expression(text).holds({"a.b": None, "a.c": 2.0}) is None

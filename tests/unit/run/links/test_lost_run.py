@@ -8,10 +8,13 @@ from typing import Any
 import pytest
 
 from agent.wire import dialect
+from agent.wire.impaired import LinkFaults
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from sim_core.geodesy import LocalFrame
 from xitl_cli.profile import load_profile
+from xitl_cli.run.core.faults import FaultsInForce
+from xitl_cli.run.links import connection as connection_module
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.inbox import AgentInbox
 
@@ -109,3 +112,14 @@ def test_what_another_sender_claims_to_be_the_agents_is_refused_and_counted(
 def test_a_token_would_make_a_run_in_lockstep_another_one() -> None:
     inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, True, lambda stamp_ns, estimate: None)
     assert token_of(AgentConnection("agent", load_profile("sitl").runnable(), inbox)) == 0
+
+
+def test_frames_that_a_fault_delays_are_sent_before_the_run_ends(
+    reached: Reached, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection_module, "STOP_WAIT_S", 0.05)
+    reached.connection.apply_faults(0, FaultsInForce(LinkFaults(delay_s=0.1)))
+    reached.connection.link.send(dialect.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3))
+    reached.connection.stop()
+    heard = [message.get_type() for message in reached.agent.receive()]
+    assert heard.index("HEARTBEAT") < heard.index("XITL_RUN")

@@ -23,6 +23,7 @@ from xitl_cli.run.nodes.drivers import (
     MissionDriver,
     MissionItems,
     ReplayDriver,
+    RosDriver,
     ScriptDriver,
 )
 
@@ -180,6 +181,14 @@ def test_a_target_is_repeated_while_the_vehicle_is_in_guided_and_no_longer(boat:
     boat.beat(GUIDED, armed=True)
     driver.update(2 * S)
     assert len(boat.take(kind)) == 1
+
+
+def test_ros_nodes_see_what_the_departure_waits_for(boat: Boat) -> None:
+    others = "escort to be ready"
+    driver = RosDriver(boat.orders, FRAME, arms=True, others=lambda: others)
+    driver.update(TICK)
+    assert driver.progress().waits_for == others
+    assert RosDriver(boat.orders, FRAME, arms=False).progress().waits_for == ""
 
 
 def test_a_refused_order_is_repeated_until_the_next_step_and_spoils_the_script(boat: Boat) -> None:
