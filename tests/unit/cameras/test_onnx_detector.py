@@ -57,6 +57,8 @@ def test_overlap_and_confidence_decide_how_many_boxes_stay(tmp_path: Path) -> No
 def test_a_network_may_take_any_size(tmp_path: Path) -> None:
     box = Letterbox.fit((1280, 720), (640, 640))
     assert (box.scale, box.left_px, box.top_px, box.width_px, box.height_px) == (0.5, 0, 140, 640, 360)
+    outside = np.array([[-10.0, 130.0, 650.0, 510.0]], np.float32)
+    np.testing.assert_allclose(box.to_image(outside, (1280, 720)), [[-0.5, -0.5, 1279.5, 719.5]])
     inside = np.array([[100.0, 240.0, 200.0, 340.0]], np.float32)
     assert box.to_image(inside, (1280, 720)).tolist() == [[199.5, 199.5, 399.5, 399.5]]
 

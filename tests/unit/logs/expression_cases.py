@@ -112,6 +112,8 @@ UNITS = {
     "2 * ATT.Roll + 1": "deg",
     "ATT.Roll + XKF1.VN": "",
     "XKF1.VN / XKF1.VE": "",
+    "XKF1.VN / integral(XKF1.VE)": "1/s",
+    "XKF1.VN / integral(XKF1.VE) * integral(XKF1.VE)": "m/s",
     "1 / GPS.Spd": "s/m",
     "MODE.ModeNum * 2": "",
     "ATT.Roll > 2": "",

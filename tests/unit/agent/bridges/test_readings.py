@@ -155,6 +155,19 @@ messages = st.one_of(
 )
 
 
+def test_each_message_without_a_valid_measurement_is_counted_once() -> None:
+    nothing = mav.MAVLink_xitl_imu_message(1, (math.nan,) * 3, (0.0,) * 3, 20.0)
+    for injector, _ in _ways_in():
+        injector.reset(TickClock(), False, lambda severity, text: None)
+        refused = [injector.counts.refused]
+        for _ in range(2):
+            injector.handle(nothing, 0)
+            injector.serve(0)
+            refused.append(injector.counts.refused)
+        injector.close()
+        assert refused == [0, 1, 2], injector.title
+
+
 @pytest.mark.medium
 @settings(max_examples=60, deadline=None)
 @given(st.lists(messages, max_size=40))

@@ -90,7 +90,9 @@ def radar_of(of: RunProfile, seed: int = 1, around: Any = None) -> RadarInstrume
 
 @pytest.mark.medium
 def test_sectors_follow_without_gaps_and_plots_come_after_their_turn() -> None:
-    kept = told(radar_of(profile(BUOYS)), 5.2)
+    instrument = radar_of(profile(BUOYS))
+    kept = told(instrument, 5.2)
+    assert instrument.report() == {"turns": 2, "plots": len(kept.plots)}
     assert [sector.number for _, sector in kept.sectors] == [*range(SECTORS)] * 2
     assert [sector.turn for _, sector in kept.sectors] == [0] * SECTORS + [1] * SECTORS
     starts = [stamp_ns for stamp_ns, _ in kept.sectors]
