@@ -78,6 +78,17 @@ def test_a_lone_byte_that_could_begin_a_frame_is_damage(tmp_path: Path) -> None:
     assert (len(found.start), found.losses.lost_bytes + found.losses.truncated_bytes) == (0, 9)
 
 
+def test_frames_between_strange_bytes_are_read_if_their_stamps_are_near(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a whole part, no frame is followed by another one: only checksum and stamp speak for it."""
+    records, year_us = random_log(3, 60), 365 * 86_400_000_000
+    whole = b"".join(records[:20])
+    monkeypatch.setattr(file_module, "BLOCK_BYTES", len(whole))
+    far = record(START_US + 20 * year_us, frame(random.Random(0), 0))
+    strange = b"".join(bytes(3) + one for one in [*records[20:30], far, *records[30:]])
+    found = file_module.index_frames(np.frombuffer(whole + strange + bytes(3), dtype=np.uint8))
+    assert found.stamp_us.tolist() == [START_US + at * 10_000 for at in range(60)]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_damaged_one_gives_at_least_what_pymavlink_reads(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
