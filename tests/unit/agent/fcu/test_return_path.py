@@ -68,6 +68,26 @@ def test_a_loop_is_cut_off_where_the_path_comes_by_itself() -> None:
     assert points[2] == pytest.approx((20.0, -30.0), abs=2.0)
 
 
+@pytest.mark.parametrize("turn_deg", range(0, 360, 30))
+def test_a_loop_is_cut_off_at_the_crossing_and_a_hook_that_does_not_cross_stays(turn_deg: int) -> None:
+    """The first and the third line cross at two thirds of both: (60, 30) 2/3 = (60, -20) + (-30, 60) 2/3 = (40, 20)."""
+    cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+
+    def turned(*places: tuple[float, float]) -> list[tuple[float, float]]:
+        return [(cos * north - sin * east, sin * north + cos * east) for north, east in places]
+
+    crossing, hook = Trail(), Trail()
+    crossing.go(*turned((60.0, 30.0), (60.0, -20.0), (30.0, 40.0)))
+    corners = turned((60.0, 30.0), (60.0, -20.0), (30.0, -10.0))
+    hook.go(*corners)
+    points = crossing.tidied()
+    assert len(points) == 3
+    assert points[1] == pytest.approx(turned((40.0, 20.0))[0], abs=1.0)
+    points = hook.tidied()
+    accuracy_m = Parameters()["SRTL_ACCURACY"]
+    assert all(min(math.dist(corner, point) for point in points) < 1.5 * accuracy_m for corner in corners)
+
+
 def test_arming_begins_it_anew() -> None:
     trail = Trail()
     trail.go((30.0, 0.0))
