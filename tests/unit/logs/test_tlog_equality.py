@@ -89,6 +89,20 @@ def test_frames_between_strange_bytes_are_read_if_their_stamps_are_near(monkeypa
     assert found.stamp_us.tolist() == [START_US + at * 10_000 for at in range(60)]
 
 
+def test_of_unknown_messages_the_most_frequent_are_named(tmp_path: Path) -> None:
+    """Numbers 30019 to 30008 occur once to twelve times; a frame without a payload of an unknown message has 12 bytes."""
+    numbers = [30_020 - count for count in range(1, 13) for _ in range(count)]
+    frames = [b"\xfd\0\0\0\0\1\1" + number.to_bytes(3, "little") + bytes(2) for number in numbers]
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(b"".join([*random_log(1, 30), *(record(START_US + 400_000, one) for one in frames)]))
+    with TelemetryLog(path) as log:
+        named = [(name, count) for name, (count, _) in log.health.undecoded.items()]
+    most = [(f"message {30_020 - count}", count) for count in range(12, 0, -1)]
+    listed = len(named) - 1
+    assert 0 < listed < 12
+    assert named == [*most[:listed], ("further messages", sum(count for _, count in most[listed:]))]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_damaged_one_gives_at_least_what_pymavlink_reads(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int

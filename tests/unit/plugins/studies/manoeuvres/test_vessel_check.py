@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -119,6 +120,15 @@ def test_a_symmetric_vessel_turns_alike_to_both_sides(checked: VesselCheck) -> N
 def test_astern_it_stops_sooner_than_by_drag_alone(checked: VesselCheck) -> None:
     values = checked.values
     assert 0 < values["crash_stop_distance_m"] < values["coasting_distance_m"]  # type: ignore[operator]
+
+
+def test_a_little_damped_roll_takes_as_long_as_its_amplitude_needs_to_decay(model: VesselSpec) -> None:
+    """x(t) = exp(-zeta omega t) has a tenth of its amplitude after ln 10 / (2 pi zeta) periods."""
+    rest = AtRest(replace(model, damping_linear=replace(model.damping_linear, roll=0.3)), WATER)
+    (finding,) = [finding for finding in rest_findings(rest, Demands()) if finding.rule == "damping.roll"]
+    per_period = math.exp(-2.0 * math.pi * rest.modes["roll"].damping_ratio)
+    (periods,) = re.findall(r"takes (\d+) periods", finding.sentence)
+    assert per_period ** (int(periods) + 0.5) <= 0.1 <= per_period ** (int(periods) - 0.5)
 
 
 @pytest.mark.medium
