@@ -90,7 +90,7 @@ def test_frames_between_strange_bytes_are_read_if_their_stamps_are_near(monkeypa
 
 
 def test_of_unknown_messages_the_most_frequent_are_named(tmp_path: Path) -> None:
-    """Numbers 30019 to 30008 occur once to twelve times; a frame without a payload of an unknown message has 12 bytes."""
+    """Numbers 30019 to 30008 occur once to twelve times, in frames without a payload."""
     numbers = [30_020 - count for count in range(1, 13) for _ in range(count)]
     frames = [b"\xfd\0\0\0\0\1\1" + number.to_bytes(3, "little") + bytes(2) for number in numbers]
     path = tmp_path / "flight.tlog"
