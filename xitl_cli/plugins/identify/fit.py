@@ -128,13 +128,21 @@ class _Problem:
         return np.concatenate([self._projected(self._moved(x)[2], slopes), np.diag(1.0 / self.prior)])
 
     def improve_starts(self, x: Floats) -> None:
-        """Replace the initial states by those that fit best at x, by one linear step."""
+        """Replace the initial states by those that fit best at x, by one linear step.
+
+        A window whose motion would diverge keeps its initial state.
+        """
         _, base, local = self._moved(x)
+        before = self.starts.copy()
         residual, weight = (base - self.windows.values) * self.weight, self.weight[:, None]
         for window, rows in enumerate(self._rows):
             change = np.linalg.lstsq(local[rows] * weight[rows], residual[rows], rcond=1e-9)[0]
             self.starts[window] -= np.clip(change, -_MOST_CHANGE, _MOST_CHANGE)
         self._moved_at = self._slopes_at = b""
+        follows = np.isfinite(self._moved(x)[0]).all(axis=(0, 2))
+        if not follows.all():
+            self.starts[~follows] = before[~follows]
+            self._moved_at = self._slopes_at = b""
 
     def reweighted(self, x: Floats) -> dict[str, float]:
         """Weight the residuals at x anew, and return the noise of each quantity, robust."""

@@ -81,6 +81,19 @@ def test_standard_errors_cover_the_truth() -> None:
     assert inside >= 0.8 * count, (inside, count)
 
 
+@pytest.mark.medium
+def test_a_wrong_velocity_to_the_side_does_not_end_the_fit() -> None:
+    """The damping removes any speed to the side at once, so larger and larger initial speeds seem to fit better."""
+    run = pool_run(boat(), 40.0)
+    stiff = replace(boat(), damping_quadratic=replace(boat().damping_quadratic, sway=400.0))
+    time_s = run.channels["yaw"].time_s
+    beginning = np.mod(time_s - run.span_s[0] - HISTORY_S, 10.0) < 0.5
+    wrong = {**run.channels, "sway": Samples(time_s, np.where(beginning, 0.0, 8.0))}
+    windows = cut([replace(run, channels=wrong)], 10.0)
+    result = fit(stiff, free_keys(stiff, FREE[2:3], ()), windows, Water(), wind=False)
+    assert np.isfinite(result.sigma).all()
+
+
 @pytest.mark.slow
 def test_a_boat_that_never_turns_leaves_the_yaw_undetermined() -> None:
     run = pool_run(boat(), 70.0)
