@@ -10,6 +10,7 @@ V is the speed of advance: the velocity of the propeller along its axis, relativ
     in water       T = T_0 n |n| (1 - V / (V_0 n)), a linear K_T with no thrust at V_0, or
                    T = rho D^4 K_T(J) n |n| n_max^2 with J = V / (n n_max D), an open-water table
     in a tunnel    T = T_0 n |n| exp(-(u / u_0)^2), u the forward speed
+    astern, also   Y = rho D^4 K_Y(J_s) n^2 n_max^2 to the side, J_s = u / (n n_max D), or a share of T_0 n^2
 
 An angle delta of a gear turns the thrust to (cos delta, -sin delta). A positive rudder angle moves the trailing edge to
 starboard. At the stern, a positive angle turns the bow to starboard. `make_propulsion` omits the parts that a vessel
@@ -19,6 +20,7 @@ does not have, and adds the actuators of packages.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
@@ -178,6 +180,8 @@ class OpenWaterThrust:
     reverse share. Below J = 0, K_T keeps its value at J = 0, because the table does not cover those quadrants: astern
     against headway as in a crash stop, or ahead against sternway. For a B4-70 screw of pitch ratio 1, measured in all
     four quadrants (Roddy, Hess & Faller 2006), this is within 20 % down to J = -0.6. Beyond, the screw brakes harder.
+
+    A table astern, over the advance ratio without wake, replaces share and rule there.
     """
 
     per_term: Array
@@ -186,6 +190,8 @@ class OpenWaterThrust:
     thrust_coefficient: Array
     last_slope: float
     reverse_share: float
+    astern: tuple[Array, Array] | None
+    """Advance ratio in the wake, and K_T."""
 
     @classmethod
     def from_spec(cls, propellers: Propellers, water: Water) -> OpenWaterThrust:
@@ -193,6 +199,10 @@ class OpenWaterThrust:
         (curve,) = (propeller.open_water for propeller in propellers)
         assert curve is not None
         ratios, coefficients = map(np.array, curve.curve)
+        astern = None
+        if curve.astern_advance_ratio is not None and curve.astern_thrust_coefficient is not None:
+            wake = 1.0 - propellers[0].wake_fraction
+            astern = wake * np.array(curve.astern_advance_ratio), np.array(curve.astern_thrust_coefficient)
         return cls(
             per_term=np.full((1, 1), water.density_kgpm3 * curve.diameter_m**4 * curve.max_speed_rps**2),
             per_mps=np.full(1, 1.0 / (curve.max_speed_rps * curve.diameter_m)),
@@ -200,6 +210,7 @@ class OpenWaterThrust:
             thrust_coefficient=coefficients,
             last_slope=(coefficients[-1] - coefficients[-2]) / (ratios[-1] - ratios[-2]),
             reverse_share=curve.reverse_share,
+            astern=astern,
         )
 
     def terms(self, speed: Array, advance: Array) -> tuple[Array]:
@@ -208,8 +219,11 @@ class OpenWaterThrust:
         ratio = advance / turning
         coefficient = np.interp(ratio, self.advance_ratio, self.thrust_coefficient)
         coefficient += self.last_slope * np.maximum(ratio - self.advance_ratio[-1], 0.0)
-        share = np.where(speed < 0.0, self.reverse_share, 1.0)
-        return (share * coefficient * turning * np.abs(turning),)
+        if self.astern is None:
+            coefficient = np.where(speed < 0.0, self.reverse_share, 1.0) * coefficient
+        else:
+            coefficient = np.where(speed < 0.0, np.interp(ratio, *self.astern), coefficient)
+        return (coefficient * turning * np.abs(turning),)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -453,6 +467,7 @@ class MmgPropulsion:
     actuators: SteeredPropulsion
     steering: MmgSteering
     wrench: Array  # (P + 2 R, 6) per newton of thrust, of F_N sin(delta) and of F_N cos(delta)
+    table_astern: NDArray[np.bool] | None  # (P,) whether the thrust astern is that of a table over the hull's speed
 
     @classmethod
     def from_spec(cls, model: VesselSpec, water: Water, dt_s: float, at_table: Array) -> MmgPropulsion:
@@ -460,7 +475,10 @@ class MmgPropulsion:
         assert model.mmg is not None
         steering = MmgSteering.from_spec(model, model.mmg, water.density_kgpm3, at_table)
         wrench = np.concatenate([_thrust_wrench(model.propellers), steering.wrench])
-        return cls(SteeredPropulsion.from_spec(model, water, dt_s), steering, wrench)
+        curves = [propeller.open_water for propeller in model.propellers]
+        of_table = np.array([curve is not None and curve.astern_advance_ratio is not None for curve in curves])
+        steered = SteeredPropulsion.from_spec(model, water, dt_s)
+        return cls(steered, steering, wrench, of_table if of_table.any() else None)
 
     def spin(self, actuators: Array, command: Array) -> Array:
         """Return (N, P + R) one step later."""
@@ -473,8 +491,12 @@ class MmgPropulsion:
         law = self.actuators.law
         propellers = law.per_mps.size
         angle = actuators[:, propellers:] * self.actuators.full_angle_rad
-        advance = self.steering.advance_mps(nu_r)
-        thrust_n = _thrust_n(law, actuators[:, :propellers], advance * law.per_mps)
+        speed, advance = actuators[:, :propellers], self.steering.advance_mps(nu_r)
+        inflow = advance
+        if self.table_astern is not None:
+            straight = self.steering.flow.speeds(nu_r)[0] * self.steering.wake
+            inflow = np.where(np.logical_and(speed < 0.0, self.table_astern), straight, advance)
+        thrust_n = _thrust_n(law, speed, inflow * law.per_mps)
         if thrust_share is not None:
             thrust_n *= thrust_share
         return thrust_n, *self.steering.forces_n(nu_r, advance, thrust_n, angle)
@@ -524,7 +546,69 @@ class AbkowitzPropulsion:
         return added_n, *self.rudder.terms(nu_r, angle)
 
 
-OwnPropulsion = Propulsion | SteeredPropulsion | MmgPropulsion | AbkowitzPropulsion
+_WithoutSideForce = Propulsion | SteeredPropulsion | MmgPropulsion | AbkowitzPropulsion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithSideForce:
+    """Propellers and rudders, and the side force of S propellers that turn astern: Y = K_Y(J_s) rho n^2 D^4.
+
+    J_s = u / (n D), with the hull's speed u at the propeller, without wake.
+    """
+
+    own: _WithoutSideForce
+    of_propeller: NDArray[intp]  # (S,)
+    inflow: Array  # (FLOW, S) to u / (D n_max)
+    newtons: Array  # (S,) per n^2 and per K_Y
+    tables: tuple[tuple[Array, Array], ...]  # J_s and K_Y of each
+    wrench: Array  # of `own`, then (S, 6) per newton to starboard
+
+    @classmethod
+    def from_spec(cls, own: _WithoutSideForce, model: VesselSpec, water: Water) -> Self:
+        """Compute the constants from the propellers with a side force."""
+        sides = [(number, one, side) for number, one in enumerate(model.propellers) if (side := one.side_force_astern)]
+        density, newtons, per_mps, tables, wrench = water.density_kgpm3, [], [], [], []
+        for _, one, side in sides:
+            curve = one.open_water
+            if side.share is not None or curve is None:
+                newtons.append((side.share or 0.0) * one.static_thrust_n(density)[1])
+                per_mps.append(0.0)
+                tables.append((np.array([0.0, 1.0]), np.ones(2)))
+            else:
+                newtons.append(density * curve.diameter_m**4 * curve.max_speed_rps**2)
+                per_mps.append(1.0 / (curve.max_speed_rps * curve.diameter_m))
+                tables.append((np.array(side.advance_ratio), np.array(side.coefficient)))
+            x_m, y_m, z_m = one.position_frd_m
+            place = (x_m if side.position_x_m is None else side.position_x_m, y_m, z_m)
+            wrench.append(_along(_direction(one.angle_deg + 90.0), place))
+        without_wake = tuple(replace(one, wake_fraction=0.0) for _, one, _ in sides)
+        return cls(
+            own=own,
+            of_propeller=np.array([number for number, _, _ in sides], dtype=intp),
+            inflow=_inflow(without_wake, np.array(per_mps)),
+            newtons=np.array(newtons),
+            tables=tuple(tables),
+            wrench=np.concatenate((own.wrench, np.array(wrench))),
+        )
+
+    def spin(self, actuators: Array, command: Array) -> Array:
+        """See `own`."""
+        return self.own.spin(actuators, command)
+
+    def terms(
+        self, actuators: Array, nu_r: Array, air_frd_mps: Array, thrust_share: Array | None = None
+    ) -> tuple[Array, ...]:
+        """Return the terms of `own`, then (N, S) newtons to starboard."""
+        astern = np.minimum(actuators[:, self.of_propeller], 0.0)
+        ratio = np.concatenate((nu_r, air_frd_mps), axis=1) @ self.inflow / np.minimum(astern, -1e-6)
+        coefficients = [np.interp(ratio[:, column], *table) for column, table in enumerate(self.tables)]
+        side_n = np.stack(coefficients, axis=1) * astern * astern * self.newtons
+        if thrust_share is not None:
+            side_n = side_n * thrust_share[:, self.of_propeller]
+        return *self.own.terms(actuators, nu_r, air_frd_mps, thrust_share), side_n
+
+
+OwnPropulsion = _WithoutSideForce | WithSideForce
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -609,4 +693,6 @@ def make_propulsion(
     else:
         kind = Propulsion if model.own_commands == len(model.propellers) else SteeredPropulsion
         own = kind.from_spec(model, water, dt_s)
+    if any(propeller.side_force_astern for propeller in model.propellers):
+        own = WithSideForce.from_spec(own, model, water)
     return ExtendedPropulsion.from_spec(own, model, water, dt_s) if model.actuators else own

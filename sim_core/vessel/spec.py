@@ -263,6 +263,20 @@ class OpenWater(Specification):
     ] = None
     thrust_polynomial: Annotated[Vector | None, "k0, k1, k2 of K_T = k0 + k1 J + k2 J², up to K_T = 0"] = None
     reverse_share: Annotated[Share, "share of K_T when the propeller turns astern"] = 1.0
+    astern_advance_ratio: Annotated[
+        Table | None,
+        "turning astern: values of J_s = u / (n D), rising, of the hull's speed u without wake; negative with headway",
+    ] = None
+    astern_thrust_coefficient: Annotated[
+        Table | None, "K_T astern at each J_s, positive, instead of reverse_share; beyond, the end values continue"
+    ] = None
+
+    @property
+    def astern_at_rest(self) -> float:
+        """K_T astern at J = 0, positive."""
+        if self.astern_advance_ratio is None or self.astern_thrust_coefficient is None:
+            return self.reverse_share * self.curve[1][0]
+        return _interpolated(0.0, self.astern_advance_ratio, self.astern_thrust_coefficient)
 
     @property
     def curve(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -277,6 +291,7 @@ class OpenWater(Specification):
         return ratios, tuple(k0 + k1 * ratio + k2 * ratio * ratio for ratio in ratios)
 
     def check(self) -> None:
+        self._check_astern()
         ratios, coefficients = self.advance_ratio, self.thrust_coefficient
         if self.thrust_polynomial is not None:
             if ratios is not None or coefficients is not None:
@@ -311,6 +326,67 @@ class OpenWater(Specification):
                     f"= {after:g} does not fall from the {before:g} before it; "
                     "give the K_T of ahead revolutions, which falls with J",
                 )
+
+    def _check_astern(self) -> None:
+        ratios, coefficients = self.astern_advance_ratio, self.astern_thrust_coefficient
+        if ratios is None and coefficients is None:
+            return
+        _check_pairs(("astern_advance_ratio", "astern_thrust_coefficient"), ratios, coefficients)
+        if self.reverse_share != 1.0:
+            raise SpecificationError(("reverse_share",), "and a table astern exclude each other; give one of them")
+        if self.astern_at_rest <= 0:
+            raise SpecificationError(
+                ("astern_thrust_coefficient",), "gives no thrust at J_s = 0; write the thrust astern positive"
+            )
+
+
+def _check_pairs(names: tuple[str, str], x: Sequence[float] | None, y: Sequence[float] | None) -> None:
+    """Refuse a table whose two columns do not fit together."""
+    if x is None or y is None:
+        given, missing = names if y is None else names[::-1]
+        raise SpecificationError((given,), f"has no {missing}; give both")
+    if len(x) != len(y):
+        raise SpecificationError((names[1],), f"has {len(y)} entries for {len(x)} of {names[0]}; give one for each")
+    _check_rising((names[0],), list(x), "from the smallest on")
+
+
+def _interpolated(at: float, x: Sequence[float], y: Sequence[float]) -> float:
+    """Return y at a point, between the pairs linear, beyond them the end values."""
+    pairs = pairwise(zip(x, y, strict=True))
+    for (before, low), (after, high) in pairs:
+        if at <= after:
+            return low + (high - low) * (max(at, before) - before) / (after - before)
+    return y[-1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SideForceAstern(Specification):
+    """Side force of a propeller that turns astern (paddle-wheel effect), positive to starboard. Give share or table.
+
+    A right-handed propeller pushes the stern to port: negative. See [vessel.md](vessel.md#paddle-wheel-effect).
+    """
+
+    share: Annotated[
+        float | None,
+        Bounds(at_least=-1, at_most=1),
+        "share of the thrust at rest astern at the same speed of the shaft",
+    ] = None
+    advance_ratio: Annotated[
+        Table | None, "with open_water: values of J_s, rising, as in open_water.astern_advance_ratio"
+    ] = None
+    coefficient: Annotated[Table | None, "side force over rho n² D⁴ at each J_s; beyond, the end values continue"] = (
+        None
+    )
+    position_x_m: Annotated[
+        float | None, "where it acts ahead of the body's origin; null: at the propeller. The wash also pushes the stern"
+    ] = None
+
+    def check(self) -> None:
+        table = self.advance_ratio is not None or self.coefficient is not None
+        if (self.share is not None) == table:
+            raise SpecificationError((), "needs share, or advance_ratio and coefficient; give one of the two")
+        if table:
+            _check_pairs(("advance_ratio", "coefficient"), self.advance_ratio, self.coefficient)
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,6 +423,7 @@ class Propeller(Specification):
         "in a tunnel through the hull: forward speed at which 1/e of the thrust remains, exp(-(u / this)²); null: "
         "no tunnel",
     ] = None
+    side_force_astern: SideForceAstern | None = None
 
     def check(self) -> None:
         if (self.open_water is None) == (self.max_thrust_n is None):
@@ -371,6 +448,16 @@ class Propeller(Specification):
             )
         if self.open_water is not None and self.diameter_m is not None:
             raise SpecificationError(("diameter_m",), "is given by open_water.diameter_m; leave it out")
+        self._check_side_force()
+
+    def _check_side_force(self) -> None:
+        if (side := self.side_force_astern) is None:
+            return
+        path = ("side_force_astern",)
+        if self.medium == "air" or self.tunnel_speed_mps is not None or self.steering is not None:
+            raise SpecificationError(path, "is of a fixed propeller in water behind a hull; leave it out")
+        if side.coefficient is not None and self.open_water is None:
+            raise SpecificationError((*path, "coefficient"), "needs open_water for n and D; give it, or use share")
 
     @property
     def disc_diameter_m(self) -> float | None:
@@ -383,8 +470,8 @@ class Propeller(Specification):
             assert self.max_thrust_n is not None
             assert self.max_reverse_thrust_n is not None
             return self.max_thrust_n, self.max_reverse_thrust_n
-        ahead_n = water_density_kgpm3 * curve.diameter_m**4 * curve.curve[1][0] * curve.max_speed_rps**2
-        return ahead_n, ahead_n * curve.reverse_share
+        per_coefficient = water_density_kgpm3 * curve.diameter_m**4 * curve.max_speed_rps**2
+        return per_coefficient * curve.curve[1][0], per_coefficient * curve.astern_at_rest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ import pytest
 from vessels import FULL
 
 from sim_core.keys import SpecificationError
-from sim_core.vessel.spec import OpenWater, Propeller, Rudder, SteeringGear
+from sim_core.vessel.spec import OpenWater, Propeller, Rudder, SideForceAstern, SteeringGear
 
 CURVE: dict[str, Any] = {
     "diameter_m": 0.2,
@@ -37,6 +37,23 @@ RUDDER = Rudder(position_frd_m=(-1.2, 0.0, 0.1), area_m2=0.03, aspect_ratio=1.5,
         (
             {"advance_ratio": (0.0,), "thrust_coefficient": (0.4,)},
             "advance_ratio = (0.0,) is too short; give at least 2",
+        ),
+        ({"astern_advance_ratio": (-0.2, 0.5)}, "astern_advance_ratio has no astern_thrust_coefficient; give both"),
+        (
+            {"astern_advance_ratio": (-0.2, 0.5), "astern_thrust_coefficient": (0.3, 0.2, 0.0)},
+            "astern_thrust_coefficient has 3 entries for 2 of astern_advance_ratio; give one for each",
+        ),
+        (
+            {"astern_advance_ratio": (0.5, -0.2), "astern_thrust_coefficient": (0.0, 0.3)},
+            "astern_advance_ratio goes from 0.5 to -0.2; sort it from the smallest on",
+        ),
+        (
+            {"astern_advance_ratio": (-0.2, 0.5), "astern_thrust_coefficient": (0.3, 0.0), "reverse_share": 0.7},
+            "reverse_share and a table astern exclude each other; give one of them",
+        ),
+        (
+            {"astern_advance_ratio": (-0.2, 0.5), "astern_thrust_coefficient": (-0.3, 0.0)},
+            "astern_thrust_coefficient gives no thrust at J_s = 0; write the thrust astern positive",
         ),
     ],
 )
@@ -70,12 +87,34 @@ def test_a_table_that_is_none(changed: dict[str, Any], said: str) -> None:
             {**THRUST, "tunnel_speed_mps": 1.7, "steering": SteeringGear(180.0, 60.0)},
             "steering turns no thruster in a tunnel; leave out steering or tunnel_speed_mps",
         ),
+        (
+            {**THRUST, "side_force_astern": SideForceAstern(share=-0.1), "medium": "air"},
+            "side_force_astern is of a fixed propeller in water behind a hull",
+        ),
+        (
+            {**THRUST, "side_force_astern": SideForceAstern(advance_ratio=(-0.5, 0.0), coefficient=(-0.1, 0.0))},
+            "side_force_astern.coefficient needs open_water for n and D; give it, or use share",
+        ),
         ({**THRUST, "angle_deg": 270.0}, "angle_deg = 270.0 is too large; use a value of at most 180"),
     ],
 )
 def test_a_propeller_that_is_none(keys: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=re.escape(said)):
         Propeller(**{**SCREW, **keys})
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({}, "needs share, or advance_ratio and coefficient; give one of the two"),
+        ({"share": -0.1, "coefficient": (-0.1, 0.0)}, "needs share, or advance_ratio and coefficient"),
+        ({"coefficient": (-0.1, 0.0)}, "coefficient has no advance_ratio; give both"),
+        ({"share": -1.1}, "share = -1.1 is too small; use a value of at least -1"),
+    ],
+)
+def test_a_side_force_that_is_none(keys: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        SideForceAstern(**keys)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.motion import Influences, MotionStep, Moved, move
 from sim_core.simulation import Simulation, SimulationState, initial, step
 from sim_core.vessel.condition import ActuatorFault, BatteryDamage, make_condition
+from sim_core.vessel.spec import SideForceAstern
 from sim_core.vessel.vessel import VesselState, at_rest
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.catalogue import shipped_profiles
@@ -140,6 +141,25 @@ def test_a_compiled_step_is_the_step_of_numpy(vehicle: str, sea: str, seed: int,
 
 
 @pytest.mark.medium
+@pytest.mark.medium
+def test_a_compiled_step_of_a_screw_astern() -> None:
+    model = load_profile("vehicles/kvlcc2-l7").vehicle
+    assert model is not None
+    curve = model.propellers[0].open_water
+    assert curve is not None
+    table = replace(curve, reverse_share=1.0, astern_advance_ratio=(-0.3, 0.5), astern_thrust_coefficient=(0.3, 0.0))
+    side = SideForceAstern(advance_ratio=(-0.8, -0.3, 0.0), coefficient=(0.0, -0.1, -0.02), position_x_m=-2.8)
+    screw = replace(model.propellers[0], open_water=table, side_force_astern=side)
+    simulated = Simulation.from_spec(replace(model, propellers=(screw,)), Environment(), 0.0025)
+    draw = np.random.default_rng(3)
+    for _ in range(20):
+        state, influences = any_state(simulated, draw, 2), any_influences(simulated, draw, 2)
+        state.rotor_speed[:, 0] = -np.abs(state.rotor_speed[:, 0])
+        compiled = simulated.motion.step(state, influences)
+        assert simulated.motion.why_numpy is None
+        assert_same(compiled, move(simulated.vessel, simulated.hull_waves, state, influences))
+
+
 def test_a_changed_part_of_a_packed_state_counts() -> None:
     simulated, draw = simulation("vehicles/otter", "random"), np.random.default_rng(5)
     influences = any_influences(simulated, draw, 1)

@@ -207,6 +207,23 @@ def test_what_a_table_contains_is_not_added_again() -> None:
         np.testing.assert_allclose(left, expected, atol=1e-12)
 
 
+def test_a_table_astern_reads_the_speed_of_the_hull_in_a_turn_too(tanker: VesselSpec) -> None:
+    """A turn changes the wake of the method, and not J_s = u / (n D)."""
+    screw = tanker.propellers[0]
+    curve = screw.open_water
+    assert curve is not None
+    assert tanker.mmg is not None
+    assert tanker.mmg.c_1 > 0.0
+    table = replace(curve, reverse_share=1.0, astern_advance_ratio=(-0.5, 0.5), astern_thrust_coefficient=(0.3, 0.1))
+    model = replace(tanker, propellers=(replace(screw, open_water=table),))
+    vessel = Vessel.from_spec(model, FRESH, 0.01)
+    nu = np.array([[0.5, 0.2, 0.0, 0.0, 0.0, -0.05]])
+    thrust_n = vessel.propulsion.terms(np.array([[-0.8, 0.0]]), nu, nu[:, :3])[0][0, 0]
+    shaft = 0.8 * curve.max_speed_rps
+    coefficient = 0.2 + 0.2 * 0.5 / (shaft * curve.diameter_m)
+    assert thrust_n == pytest.approx(-coefficient * 1000.0 * shaft**2 * curve.diameter_m**4)
+
+
 def test_astern_the_mmg_hull_is_the_same_with_bow_and_stern_exchanged(tanker: VesselSpec) -> None:
     vessel = Vessel.from_spec(tanker, FRESH, 0.01)
 

@@ -12,7 +12,7 @@ from vessels import FULL
 
 from sim_core.environment.spec import Water
 from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
-from sim_core.vessel.spec import OpenWater, Propeller, SteeringGear, VesselSpec
+from sim_core.vessel.spec import OpenWater, Propeller, Rudder, SideForceAstern, SteeringGear, VesselSpec
 from sim_core.vessel.windage import AIR_DENSITY_KGPM3
 
 Array = NDArray[np.float64]
@@ -213,6 +213,77 @@ def test_an_azimuthing_propeller_meets_the_flow_along_its_line(share: float) -> 
     advance = max(float(local @ direction), 0.0)
     force = wrench(vessel(pod), [1.0, share], nu)
     np.testing.assert_allclose(force[:3], 100.0 * (1 - advance / 5.0) * direction, atol=1e-9)
+
+
+# The screw of the 3 m Esso Osaka astern (mmg-1p1r-simulator): C1, C2 + C3 J_s; A1 + A2 J_s, A3 + A4 J_s, A5.
+THRUST_ASTERN, LEAST_J_ASTERN = (-0.251, -0.175, 0.33), -0.233
+SIDE_FORCE = {"middle": (-7.9e-5, 7.99e-3), "fast": (-4.93e-3, -5.87e-3), "slow": (-5.58e-4, 0.0)}
+ESSO_OSAKA = OpenWater(
+    diameter_m=0.084,
+    max_speed_rps=20.0,
+    thrust_polynomial=(0.3278, -0.3323, -0.156),
+    astern_advance_ratio=(-0.23, 0.53),
+    astern_thrust_coefficient=(0.2509, 0.0),
+)
+
+
+@pytest.mark.parametrize("speed_mps", [-0.4, 0.0, 0.05, 0.1, 0.2, 0.35, 0.5])
+@pytest.mark.parametrize("turning", [-1.0, -0.5])
+def test_a_table_astern_gives_the_thrust_over_the_speed_of_the_hull(speed_mps: float, turning: float) -> None:
+    """Hachii's form of the thrust against headway, whatever the wake of the thrust ahead."""
+    shaft = turning * 20.0
+    ratio = speed_mps / (shaft * 0.084)
+    constant, rest, slope = THRUST_ASTERN
+    coefficient = constant if ratio < LEAST_J_ASTERN else min(rest + slope * ratio, 0.0)
+    screw = Propeller((-1.45, 0.0, 0.14), medium="water", wake_fraction=0.614, open_water=ESSO_OSAKA)
+    newtons = thrust(screw, turning, speed_mps)
+    unit_n = WATER.density_kgpm3 * 0.084**4 * shaft**2
+    assert newtons == pytest.approx(coefficient * unit_n, abs=3e-3 * unit_n)
+    assert screw.static_thrust_n(WATER.density_kgpm3)[1] == pytest.approx(-thrust(screw, -1.0, 0.0))
+
+
+@pytest.mark.parametrize("speed_mps", [-0.3, 0.0, 0.05, 0.2, 0.5, 0.7])
+@pytest.mark.parametrize("turning", [-1.0, -0.6])
+def test_the_side_force_astern_is_that_of_its_table(speed_mps: float, turning: float) -> None:
+    """rho/2 L d (n D)^2 (A_i + A_j J_s) at a lever, over the whole speed of the hull."""
+    length_m, draft_m, shaft = 3.0, 0.20114, turning * 20.0
+    ratio = speed_mps / (shaft * 0.084)
+    constant, slope = SIDE_FORCE["fast" if ratio < -0.35 else "slow" if ratio > -0.06 else "middle"]
+    published_n = 0.5 * WATER.density_kgpm3 * length_m * draft_m * (shaft * 0.084) ** 2 * (constant + slope * ratio)
+    to_unit = length_m * draft_m / (2.0 * 0.084**2)
+    nodes = (-0.84, -0.35, -0.06)
+    middle, fast = SIDE_FORCE["middle"], SIDE_FORCE["fast"]
+    side = SideForceAstern(
+        advance_ratio=nodes,
+        coefficient=tuple(
+            to_unit * (own[0] + own[1] * node) for own, node in zip((fast, middle, middle), nodes, strict=True)
+        ),
+        position_x_m=-1.2,
+    )
+    screw = Propeller((-1.45, 0.0, 0.14), medium="water", wake_fraction=0.614, open_water=ESSO_OSAKA)
+    nu = (speed_mps, 0.1, 0.0, 0.0, 0.0, 0.02)
+    without, force = (wrench(vessel(one), [turning], nu) for one in (screw, replace(screw, side_force_astern=side)))
+    added = force - without
+    assert added[1] == pytest.approx(published_n, rel=2e-3)
+    np.testing.assert_allclose(added, [0.0, added[1], 0.0, -0.14 * added[1], 0.0, -1.2 * added[1]], atol=1e-12)
+
+
+def test_a_share_of_the_thrust_astern_pushes_to_the_side_only_astern() -> None:
+    """N = x Y at the propeller, n^2 of its speed; with steering gears and rudders too, and less with a fault."""
+    plain = replace(LINEAR, position_frd_m=(-1.0, 0.0, 0.3), diameter_m=0.2)
+    pushed = replace(plain, side_force_astern=SideForceAstern(share=-0.1))
+    rudder = Rudder(position_frd_m=(-1.2, 0.0, 0.2), area_m2=0.01, aspect_ratio=1.5, propeller=0)
+    for model, commands in ((vessel(pushed), [-0.5]), (replace(vessel(pushed), rudders=(rudder,)), [-0.5, 0.0])):
+        bare = replace(model, propellers=(plain,))
+        nu = (0.4, 0.0, 0.0, 0.0, 0.0, 0.0)
+        side_n = -0.1 * plain.static_thrust_n(1000.0)[1] * 0.25
+        added = wrench(model, commands, nu) - wrench(bare, commands, nu)
+        np.testing.assert_allclose(added, [0.0, side_n, 0.0, -0.3 * side_n, 0.0, -side_n], atol=1e-12)
+        ahead = [0.5, *commands[1:]]
+        assert (wrench(model, ahead, nu) == wrench(bare, ahead, nu)).all()
+        propulsion = make_propulsion(model, WATER, 0.0025)
+        left = propulsion.terms(np.array([commands]), np.array([nu]), np.zeros((1, 3)), np.full((1, 1), 0.4))[-1]
+        assert left[0, 0] == pytest.approx(0.4 * side_n)
 
 
 def test_propellers_of_several_kinds_add_up() -> None:

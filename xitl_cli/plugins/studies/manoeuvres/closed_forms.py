@@ -292,7 +292,7 @@ def _full_thrust_n(propeller: Propeller, water: Water) -> tuple[float, float]:
     if (curve := propeller.open_water) is None:
         return propeller.max_thrust_n or 0.0, propeller.max_reverse_thrust_n or 0.0
     ahead = water.density_kgpm3 * curve.curve[1][0] * curve.max_speed_rps**2 * curve.diameter_m**4
-    return ahead, ahead * curve.reverse_share
+    return ahead, ahead * curve.astern_at_rest / curve.curve[1][0]
 
 
 def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: float) -> float:
