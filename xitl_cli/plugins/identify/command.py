@@ -61,6 +61,12 @@ def vessel(
         float, typer.Option("--window", metavar="S", min=2.0, max=120.0, help="Length of a window.")
     ] = 10.0,
     no_wind: Annotated[bool, typer.Option("--no-wind", help="Fit no wind.")] = False,
+    no_surroundings: Annotated[
+        bool,
+        typer.Option(
+            "--no-surroundings", help="Predict the tested logs without fitting their current, wind, biases and delays."
+        ),
+    ] = False,
     squares: Annotated[bool, typer.Option("--squares", help="Plain least squares, without Huber's weights.")] = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="YAML", help="File of the identified vehicle.")] = None,
     report: Annotated[Path | None, typer.Option("--report", metavar="HTML", help="Page with tables and plots.")] = None,
@@ -93,7 +99,7 @@ def vessel(
         raise UserError(f"{out} is the vehicle to begin with, which the result extends; choose another name for --out")
     assert profile.vehicle is not None
     recordings = [_recording(path, profile, columns, motion) for path in logs]
-    settings = Settings(tuple(free or ()), tuple(fix or ()), window, not no_wind, not squares)
+    settings = Settings(tuple(free or ()), tuple(fix or ()), window, not no_wind, not squares, not no_surroundings)
     with progress("fitting") as tell:
         water = Water() if profile.environment is None else profile.environment.water
         result = identify(recordings, profile.vehicle, water, settings, [str(path) for path in test or ()], tell)

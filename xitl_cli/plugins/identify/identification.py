@@ -24,6 +24,7 @@ from xitl_cli.plugins.identify.prediction import (
     Score,
     scores,
     surroundings_of,
+    without_surroundings,
 )
 from xitl_cli.plugins.identify.recording import Floats, Recording
 from xitl_cli.plugins.identify.response import check_response
@@ -110,6 +111,8 @@ class Settings:
     window_s: float = 10.0
     wind: bool = True
     robust: bool = True
+    surroundings: bool = True
+    """Whether current, wind, biases and delays of the tested logs are fitted."""
 
 
 def split(recordings: Sequence[Recording], tested: Sequence[str]) -> tuple[list[Recording], list[Recording]]:
@@ -158,7 +161,9 @@ def identify(
         )
     fitted = fit(start, keys, windows, water, wind=settings.wind, robust=settings.robust, say=say)
     say("predicting the tested logs")
-    around = surroundings_of(fitted, testing, water, wind=settings.wind)
+    around = without_surroundings(fitted, testing)
+    if settings.surroundings:
+        around = surroundings_of(fitted, testing, water, wind=settings.wind)
     before = replace(around, vessel=start)
     predictor = Predictor(around, before, LinearModel.from_recordings(training), water)
     own_scores, predictions = scores(predictor, testing)

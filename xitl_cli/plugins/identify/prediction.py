@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sim_core.dataclass import dataclass
 from sim_core.environment.spec import Water
-from xitl_cli.plugins.identify.fit import SHARED, Fit, fit
+from xitl_cli.plugins.identify.fit import OF_RECORDING, SHARED, Fit, fit
 from xitl_cli.plugins.identify.recording import Floats, Recording
 from xitl_cli.plugins.identify.windows import OUTPUT_S, Simulator, Windows, cut, relative_to_water
 
@@ -183,6 +184,11 @@ def scores(predictor: Predictor, recordings: Sequence[Recording]) -> tuple[list[
                 for number in range(len(windows))
             ]
     return result, plots
+
+
+def without_surroundings(fitted: Fit, recordings: Sequence[Recording]) -> Fit:
+    """Return the vehicle in still water and in the measured wind, with recordings without biases and delays."""
+    return replace(fitted, keys=(), x=np.zeros(len(SHARED) + len(OF_RECORDING) * len(recordings)))
 
 
 def surroundings_of(fitted: Fit, recordings: Sequence[Recording], water: Water, *, wind: bool) -> Fit:

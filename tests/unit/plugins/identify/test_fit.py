@@ -355,6 +355,18 @@ def test_runs_are_split_whole() -> None:
 
 
 @pytest.mark.slow
+def test_without_surroundings_a_current_is_an_error_of_the_prediction() -> None:
+    run, free = pool_run(boat(), 130.0), ("damping_linear.yaw",)
+    position_m = {}
+    for known in (True, False):
+        result = identify([run], boat(), Water(), Settings(free=free, wind=False, surroundings=known))
+        position_m[known] = {own.model: own.errors[3] for own in result.scores if own.horizon_s == 10.0}
+    assert position_m[True]["identified"] < 0.2
+    assert position_m[False]["identified"] > 0.5
+    assert position_m[False]["persistence"] == position_m[True]["persistence"]
+
+
+@pytest.mark.slow
 def test_too_few_windows_and_a_model_that_cannot_follow() -> None:
     settings = Settings(free=("damping_linear.surge",), wind=False)
     with pytest.raises(UserError, match=r"have 2 windows of 10 s to fit; record 60 s"):
