@@ -39,6 +39,8 @@ SHADOW_PX, SHADOW_M, SHADOW_STEP_M = 1024, 120.0, 8.0
 FOAM_PX, FOAM_M, LEAST_FOAM, FEWEST_WHITECAPS = 256, 128.0, 0.01, 1e-4
 RIPPLE_PX, RIPPLE_M = 512, 6.5
 SKY_PX = (512, 512)
+CLOUDS_S = 5.0
+"""The sky is drawn anew after this time."""
 NEAREST_GAP, FARTHEST_GAP, GAP_PX, NEAR_SEA_M = 0.06, 0.25, 1.5, 1500.0
 """Of the rings of the water: least and largest gap by radius, the gap that a far pixel shows, and their last radius."""
 SECTOR_RAD = math.radians(2.0)
@@ -132,8 +134,8 @@ class Target:
         depth = context.depth_renderbuffer(size)
         self.depth = context.framebuffer(depth_attachment=depth)
         self.colour = context.framebuffer([context.texture(size, 4), context.texture(size, 1, dtype="u2")], depth)
-        self.shape = context.texture(size, 4, dtype="f2")
-        """Of the water; half precision is finer than what a pixel shows."""
+        self.shape = context.texture(size, 2, dtype="u4")
+        """Of the water, see surface.frag."""
         self.shaped = context.framebuffer([self.shape], depth)
         self.measured = context.framebuffer([context.texture(size, 4, dtype="f4")], depth)
         half = max(size[0] // 2, 1), max(size[1] // 2, 1)
@@ -254,15 +256,15 @@ class Renderer:
         self._programs = {
             name: self._program(vertex, fragment, *defined)
             for name, vertex, fragment, *defined in (
-                ("sky map", "screen.vert", "sky_map.frag"),
-                ("sky", "screen.vert", "sky.frag"),
+                ("sky map", "screen.vert", "sky_map.frag", "SCREEN"),
+                ("sky", "screen.vert", "sky.frag", "SCREEN"),
                 ("model", "model.vert", "model.frag"),
                 ("mirrored model", "model.vert", "model.frag", "MIRRORED"),
                 ("shadow", "model.vert", "shadow.frag"),
                 ("model truth", "model.vert", "truth.frag"),
                 ("water shape", "water.vert", "surface.frag"),
-                ("water", "screen.vert", "water.frag"),
-                ("water with foam", "screen.vert", "water.frag", "FOAM"),
+                ("water", "screen.vert", "water.frag", "SCREEN"),
+                ("water with foam", "screen.vert", "water.frag", "SCREEN", "FOAM"),
                 ("water truth", "water.vert", "truth.frag"),
                 ("foam", "foam.vert", "foam.frag"),
             )
@@ -424,11 +426,11 @@ class Renderer:
     def _program(self, vertex: str, fragment: str, *defined: str) -> Any:
         folder = files(__package__) / "shaders"
         common = (folder / "common.glsl").read_text()
-        sources = [
-            "\n".join(("#version 330", f"#define TILE_M {RIPPLE_M}", *(f"#define {name}" for name in defined), common))
-            + (folder / file).read_text()
-            for file in (vertex, fragment)
-        ]
+        sources = []
+        for file in (vertex, fragment):
+            names = [name for name in defined if name != "SCREEN" or file == fragment]
+            lines = "#version 330", f"#define TILE_M {RIPPLE_M}", *(f"#define {name}" for name in names), common
+            sources.append("\n".join(lines) + (folder / file).read_text())
         program = self._context.program(vertex_shader=sources[0], fragment_shader=sources[1])
         if "Light" in program:
             program["Light"].binding = 0
@@ -467,7 +469,7 @@ class Renderer:
                 [*light.sun, disc],
                 [*light.sky, world.extinction_per_m],
                 [*(from_water + 0.06 * light.sky), exposure],
-                [*light.horizon, world.time_s],
+                [*light.horizon, _clouds_s(world)],
                 [*from_water, variance],
                 [*(0.75 * sea_light), math.sqrt(0.5 * variance)],
                 [1.0 / (0.1 + 0.02 * wind), *crests, 4.0 / exposure],
@@ -478,13 +480,7 @@ class Renderer:
 
     def _draw_sky_map(self, world: DrawnWorld, exposure: float) -> None:
         light = world.light
-        wanted = (
-            exposure,
-            *light.sun_ned.tolist(),
-            light.clouds,
-            world.extinction_per_m,
-            math.floor(world.time_s / 5.0),
-        )
+        wanted = exposure, *light.sun_ned.tolist(), light.clouds, world.extinction_per_m, _clouds_s(world)
         if wanted != self._sky_of:
             self._sky_of = wanted
             self._sky_frame.use()
@@ -519,8 +515,7 @@ class Renderer:
                 program,
                 count=count,
                 water_at=[0.0, 0.0, world.water_down_m - view.pos_ned_m[2]],
-                origin_ne=np.remainder(view.pos_ned_m[:2], RIPPLE_M),
-                drift=np.remainder(0.25 * toward * world.time_s, RIPPLE_M),
+                ripples_at=np.remainder(view.pos_ned_m[:2] - 0.25 * toward * world.time_s, RIPPLE_M),
                 water_id=float(SEA_ID),
                 water_temperature=WATER_C,
             )
@@ -637,6 +632,11 @@ class Renderer:
         self._screens[program].render(vertices=3)
 
 
+def _clouds_s(world: DrawnWorld) -> float:
+    """Return the time of the drawn clouds, which is the same whichever images were drawn before."""
+    return CLOUDS_S * math.floor(world.time_s / CLOUDS_S)
+
+
 def _mean(pictures: Iterable[NDArray[uint8]], shares: Sequence[float]) -> NDArray[uint8]:
     """Return the weighted mean of the light of pictures; the square of a value is nearly its light."""
     if len(shares) == 1:
@@ -721,9 +721,9 @@ def fan(
         (last_near + 1, last_near + 2, near_outer + 1),
     ]
     triangles = [
-        *_quads(0, fine, len(bearing)),
+        _quads(0, fine, len(bearing)),
         *(np.column_stack(three) for three in joint),
-        *_quads(begun, len(radius) - fine, pairs + 1),
+        _quads(begun, len(radius) - fine, pairs + 1),
     ]
     return vertices, np.concatenate(triangles).ravel().astype(np.uint32)
 
@@ -752,10 +752,10 @@ def _count(length: float, step: float) -> int:
     return math.ceil(length / step) + 1
 
 
-def _quads(begun: int, rings: int, across: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the triangles between rings of so many vertices: (T, 3) indices, twice."""
+def _quads(begun: int, rings: int, across: int) -> NDArray[np.intp]:
+    """Return the triangles between rings of so many vertices, (T, 3) indices. Neighbours follow each other."""
     low = (begun + np.arange(rings - 1)[:, None] * across + np.arange(across - 1)).ravel()
-    return np.column_stack([low, low + 1, low + across]), np.column_stack([low + 1, low + across + 1, low + across])
+    return np.column_stack([low, low + 1, low + across, low + 1, low + across + 1, low + across]).reshape(-1, 3)
 
 
 def _unresolved_variance(world: DrawnWorld, wind_mps: float) -> float:

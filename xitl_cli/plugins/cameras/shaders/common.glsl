@@ -1,14 +1,19 @@
 // Shared by all shaders. Vectors are in NED, relative to the camera, unless a name says otherwise.
-layout(std140) uniform Light {
-    vec4 sun;          // direction to the sun; w: cosine of its radius
-    vec4 sun_light;    // radiance of a white surface across the direct light; w: opacity of the sun's disc
-    vec4 sky_light;    // mean radiance of the sky; w: extinction of the air, 1/m
-    vec4 ground_light; // radiance from below; w: exposure
-    vec4 horizon;      // radiance of the air at the horizon; w: time, s
-    vec4 water;        // radiance from the water; w: variance of the slopes of waves that are not components
-    vec4 foam_light;   // radiance of foam; w: deviation of a slope of the ripples
-    vec4 whitecaps;    // 1 / height of a crest, least pattern with foam, 1 / range of the pattern; w: 4 / exposure
-};
+#ifdef SCREEN
+flat in vec4 flat_rows[8]; // Mesa's software renderer reads a flat value much faster than a uniform
+#define LIGHT flat_rows
+#else
+layout(std140) uniform Light { vec4 light_rows[8]; };
+#define LIGHT light_rows
+#endif
+#define sun LIGHT[0]          // direction to the sun; w: cosine of its radius
+#define sun_light LIGHT[1]    // radiance of a white surface across the direct light; w: opacity of the sun's disc
+#define sky_light LIGHT[2]    // mean radiance of the sky; w: extinction of the air, 1/m
+#define ground_light LIGHT[3] // radiance from below; w: exposure
+#define horizon LIGHT[4]      // radiance of the air at the horizon; w: time of the clouds, s
+#define water LIGHT[5]        // radiance from the water; w: variance of the slopes of waves that are not components
+#define foam_light LIGHT[6]   // radiance of foam; w: deviation of a slope of the ripples
+#define whitecaps LIGHT[7]    // 1 / height of a crest, least pattern with foam, 1 / range of the pattern; w: 4 / exposure
 
 uniform sampler2D sky_map; // the upper half of all directions in a disc
 

@@ -1,27 +1,26 @@
 // Fresnel reflection of sky and objects, glitter of the sun, light from the water, foam.
-uniform sampler2D surface;    // metres along the optical axis, slope north, slope east
+uniform usampler2D surface;   // of surface.frag
 uniform sampler2D ripples;    // (4 + slope north, slope east) / 8 of the waves that are not components, unit variance; noise
 uniform sampler2D mirrored;   // objects, mirrored at the still surface
 uniform sampler2D foam_map;   // share of foam around the camera
-uniform vec3 water_at;        // still surface below the camera, relative to it
-uniform vec2 origin_ne;       // position of the camera modulo the tile of the ripples
 uniform vec3 foam_frame;      // corner relative to the camera, and size of the map of foam
-uniform vec2 drift;           // of the ripples
 in vec2 place;
 in vec3 ray;
+flat in vec3 sea;             // position of the camera in the pattern of ripples, its height above the still surface
 layout(location = 0) out vec4 value;
 layout(location = 1) out uint number;
 
 void main() {
-    vec3 shape = texelFetch(surface, ivec2(gl_FragCoord.xy), 0).xyz;
-    vec3 position = ray * shape.x;
-    float distance_m = length(position), rise = water_at.z - position.z;
+    uvec2 shape = texelFetch(surface, ivec2(gl_FragCoord.xy), 0).xy;
+    vec2 slope = vec2(shape.y & 65535u, shape.y >> 16) * (1.0 / 4096.0) - 8.0;
+    vec3 position = ray * uintBitsToFloat(shape.x);
+    float distance_m = length(position), rise = sea.z - position.z;
     vec3 view = position / distance_m;
     // What the pattern of ripples no longer shows, far away, makes the reflection rough.
     float resolved = min(18.0 / distance_m, 1.0);
     float rough = 0.0008 + water.w * (1.0 - 0.9 * resolved), root = sqrt(rough);
-    vec3 fine = texture(ripples, (position.xy + origin_ne - drift) * (1.0 / TILE_M)).rgb;
-    vec2 total = shape.yz + foam_light.w * resolved * (8.0 * fine.xy - 4.0);
+    vec3 fine = texture(ripples, (position.xy + sea.xy) * (1.0 / TILE_M)).rgb;
+    vec2 total = slope + foam_light.w * resolved * (8.0 * fine.xy - 4.0);
     vec3 n = vec3(total, -1.0) * (1.0 - 0.5 * dot(total, total)); // a unit vector, to the second order
     float across = dot(n, view);
     vec3 bounced = view - 2.0 * across * n;
