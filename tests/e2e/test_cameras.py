@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from hashlib import sha256
 from pathlib import Path
@@ -20,6 +21,31 @@ from xitl_cli.logs import open_log
 
 pytestmark = pytest.mark.slow
 SMALL = ["sensors.cameras.0.width_px=160", "sensors.cameras.0.height_px=120", "world.debris.encounters.count=0"]
+ONE_CAMERA = "sensors.cameras=[{name: front, width_px: 160, height_px: 120}]"
+READER = """\
+from dataclasses import dataclass
+from sim_core.keys import Specification
+from xitl_cli.plugin import NodeKind
+from xitl_cli.run.core.node import RunNode
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Keys(Specification):
+    '''No keys.'''
+
+class Reader(RunNode):
+    def __init__(self, keys, context):
+        pass
+
+    def begin(self, context):
+        self.clock = context.clock
+        context.recorder.watch("/cameras/front/image", self.read)
+
+    def read(self, stamp_ns, *values):
+        with open("delays", "a") as file:
+            file.write(f"{1e-9 * (self.clock.now_ns() - stamp_ns)}\\n")
+
+KIND = NodeKind(Keys, Reader)
+"""
 EXTRA = """\
 extends: sitl-camera
 world: {debris: {encounters: {count: 0}}}
@@ -64,6 +90,27 @@ def payloads(folder: Path, topic: str) -> list[tuple[int, bytes]]:
         return [(message.log_time, message.data) for _, _, message in make_reader(file).iter_messages(topics=[topic])]
 
 
+def package(folder: Path, name: str, entry_points: str) -> None:
+    about = folder / f"{name}-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(entry_points)
+
+
+def with_package(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command with the package of a folder."""
+    paths = [str(folder), *filter(None, [environment().get("PYTHONPATH")])]
+    return subprocess.run(
+        command(*arguments),
+        cwd=folder,
+        env={**environment(), "PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
 @pytest.fixture(scope="module")
 def several(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cameras")
@@ -85,6 +132,22 @@ def test_a_run_with_a_camera_repeats_bit_for_bit(tmp_path: Path) -> None:
         digests.append([(stamp, sha256(data).hexdigest()) for stamp, data in images])
     assert digests[0] == digests[1]
     assert len({digest for _, digest in digests[0]}) == 15
+
+
+def test_images_that_a_node_reads_are_in_time_and_the_same(tmp_path: Path) -> None:
+    (tmp_path / "reader.py").write_text(READER)
+    package(tmp_path, "reader", "[xitl.nodes]\nreader = reader:KIND\n")
+    digests = []
+    for sets in ([ONE_CAMERA], [ONE_CAMERA, "plugins.reader={}"]):
+        words = ["sim", "--profile", "sitl", "--duration", "2", "--out", "run", "--overwrite"]
+        done = with_package(tmp_path, *words, *(word for one in sets for word in ("--set", one)))
+        assert done.returncode == 0, done.stderr
+        digests.append([sha256(data).hexdigest() for _, data in payloads(tmp_path, "/cameras/front/image")])
+    assert digests[0] == digests[1]
+    assert len(digests[0]) == 20
+    delays_s = np.loadtxt(tmp_path / "delays")
+    assert len(delays_s) == 20
+    assert delays_s[:-1] == pytest.approx(0.1, abs=1e-6)  # the run ends with the last one
 
 
 def test_every_image_is_counted(several: Path) -> None:
@@ -182,22 +245,11 @@ def test_a_detector_that_fails_ends_the_run_with_its_name(tmp_path: Path) -> Non
     (tmp_path / "faulty.py").write_text(
         "class Faulty:\n    def __init__(self, camera, lens): pass\n    def detect(self, image): return 1 / 0\n"
     )
-    about = tmp_path / "faulty-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: faulty\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[xitl.detectors]\nfaulty = faulty:Faulty\n")
+    package(tmp_path, "faulty", "[xitl.detectors]\nfaulty = faulty:Faulty\n")
     arguments = ["sim", "--profile", "sitl-camera", "--duration", "3", "--out", "run"]
     for one in (*SMALL, "sensors.cameras.0.detector=faulty"):
         arguments += ["--set", one]
-    done = subprocess.run(
-        command(*arguments),
-        cwd=tmp_path,
-        env={**environment(), "PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    done = with_package(tmp_path, *arguments)
     assert done.returncode == 2
     assert "faulty: the plug-in of faulty 1.0 failed (ZeroDivisionError" in done.stderr
     assert payloads(tmp_path, "/truth/state")  # the recording stays readable

@@ -249,6 +249,10 @@ class Recorder:
         """Call `seen` with the stamp and the values of each message on a topic from now on."""
         self._topics.watch(topic, seen)
 
+    def watches(self, *topics: str) -> bool:
+        """Whether somebody watches one of these topics."""
+        return self._topics.watches(*topics)
+
     def write(self, stamp_ns: int, record: Any) -> None:
         """Write a record of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkReport, FaultEvent, ...
 

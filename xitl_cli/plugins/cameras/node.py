@@ -59,6 +59,9 @@ MOST_WAITING = 3
 MOST_SHOTS, MOST_BANDS = 6, 12
 BLUR_PX = 1.0
 """Motion in an image that one shot may show."""
+OVERLAP_S = 0.5
+"""In lockstep, an image that nobody reads during the run is recorded this time after its stamp, so that the run goes on
+while it is drawn."""
 USUAL_SUN_DEG = (35.0, 140.0)
 """Elevation and azimuth of the sun without a time."""
 WAKE_S, WAKE_STEP_S = 25.0, 0.4
@@ -135,7 +138,8 @@ class CameraNode(RunNode):
         self._listeners: list[Callable[[CameraImage], None]] = []
         self._problems: list[str] = []
         self._models: dict[str, TriangleModel] = {}
-        self._studio = RemoteStudio(keys, self._problems.append)
+        alone = not profile.vessel  # vessels of a fleet have their own processes, which fill the processors
+        self._studio = RemoteStudio(keys, self._problems.append, by_turns=self._lockstep and alone)
         servers = StreamServers.of_run(context.scenery)
         self._outputs = CameraOutputs(keys, profile, servers, context.components_url, self.point, self._angles)
         if any(camera.serve is not None for camera in keys):
@@ -298,7 +302,17 @@ class CameraNode(RunNode):
             )
         )
         self._mounts[ticket] = self._pose(stamp_ns).rot_ned_frd.T @ middle.view.rot_ned_optical
-        heappush(self._due, (stamp_ns + max(camera.latency_ns, camera.window_ns), ticket, camera.keys.name))
+        delay_ns = max(camera.latency_ns, camera.window_ns)
+        if self._lockstep and not self._read_in_run(camera.keys):
+            delay_ns = max(delay_ns, round(OVERLAP_S * 1e9))
+        heappush(self._due, (stamp_ns + delay_ns, ticket, camera.keys.name))
+
+    def _read_in_run(self, camera: CameraSpec) -> bool:
+        """Whether anything in the run reads the images of a camera or their records."""
+        topics = [FRAMES.name, TRUTH.name, image_topic(camera.name, camera.kind).name]
+        topics += [calibration_topic(camera.name).name, annotations_topic(camera.name).name]
+        topics += [DETECTIONS.name] if camera.detector is not None else []
+        return bool(self._listeners) or self._recorder.watches(*topics)
 
     def _shots(self, camera: Mounted, stamp_ns: int) -> tuple[Shot, tuple[Shot, ...]]:
         """Return the shot at the time stamp, and those that together make the image: rows by time, each with blur."""

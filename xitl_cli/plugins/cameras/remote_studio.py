@@ -25,7 +25,7 @@ from xitl_cli.run.core.side_process import SideProcess
 PATIENCE_S = 60.0
 """For the first image, which compiles the programs of the graphics card."""
 END_S = 5.0
-MOST_STUDIOS = 4
+MOST_STUDIOS, MOST_OF_CAMERA = 4, 2
 SOFTWARE = ("llvmpipe", "softpipe")
 """Renderers of Mesa that draw with the processors."""
 NO_PIXELS = np.empty((0, 0), np.uint8)
@@ -62,18 +62,23 @@ class RemoteStudio:
     """Takes images in other processes.
 
     A graphics card needs one process. Without it, one process cannot keep several processors busy, so cameras share as
-    many as this machine can use. All images of a camera are from one process, because a detector may remember them.
+    many as this machine can use. A detector may remember images, so those of its camera are from one process.
 
-    on_problem: called with a sentence when a process ends early. Later images are then missing.
+    on_problem: called with a sentence when a process ends early. Later images are then missing. by_turns: draw the
+    images of a camera without detector by turns in several processes, for a run that does not wait for each image.
     """
 
-    def __init__(self, cameras: Sequence[CameraSpec], on_problem: Callable[[str], object]) -> None:
+    def __init__(
+        self, cameras: Sequence[CameraSpec], on_problem: Callable[[str], object], by_turns: bool = False
+    ) -> None:
         CAMERA.require("cameras need")
         self._cameras = {camera.name: camera for camera in cameras}
         self._places = {camera.name: place for place, camera in enumerate(cameras)}
         self._on_problem = on_problem
         processors = os.cpu_count() or 1
-        self._most = min(len(cameras), processors, MOST_STUDIOS)
+        self._by_turns = {camera.name for camera in cameras if by_turns and camera.detector is None}
+        useful = len(cameras) + (MOST_OF_CAMERA - 1) * len(self._by_turns)
+        self._most = min(useful, processors, MOST_STUDIOS)
         # Mesa draws in the process itself if each process has one processor.
         threads = processors // self._most
         self._environment = {"LP_NUM_THREADS": str(threads if threads > 1 else 0)}
@@ -88,7 +93,7 @@ class RemoteStudio:
     def start(self, models: Mapping[str, TriangleModel], still: Collection[str]) -> None:
         """Start the processes and wait until the first can draw. Raises UserError when this machine cannot."""
         start = StudioStart(tuple(self._cameras.values()), models, still)
-        first = self._start_one(start)
+        first, *others = [self._start_one(start) for _ in range(self._most)]
         replies: list[dict[str, Any]] = []
         while not replies and not first.process.gone:
             replies = first.process.receive(PATIENCE_S)
@@ -97,9 +102,10 @@ class RemoteStudio:
                 replies[0]["problem"] if replies else "cameras cannot draw: their process ended while it started"
             )
         self.figures.device = replies[0]["device"]
-        if self.figures.device.startswith(SOFTWARE):
-            for _ in range(1, self._most):
-                self._start_one(start)
+        if not self.figures.device.startswith(SOFTWARE):
+            self._studios = [first]
+            for studio in others:
+                studio.process.close()
 
     def _start_one(self, start: StudioStart) -> _Studio:
         studio = _Studio(SideProcess("xitl_cli.plugins.cameras.process", self._lose, END_S, self._environment))
@@ -121,7 +127,8 @@ class RemoteStudio:
     def submit(self, commission: Commission) -> int:
         """Ask for an image. Return its ticket; a later image has a larger one."""
         self._tickets += 1
-        studio = self._studios[self._places[commission.camera] % len(self._studios)]
+        turn = commission.number if commission.camera in self._by_turns else 0
+        studio = self._studios[(self._places[commission.camera] + turn) % len(self._studios)]
         self._submitted[self._tickets] = commission, studio
         studio.tickets.append(self._tickets)
         studio.process.send(commission)

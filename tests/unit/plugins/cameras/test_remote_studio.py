@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import pytest
 
-from sim_core.sensors.camera_spec import CameraSpec
+from sim_core.sensors.camera_spec import CameraSpec, DetectorSpec
 from xitl_cli.plugins.cameras import remote_studio
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
 
 CAMERAS = tuple(CameraSpec(name=name) for name in ("port", "bow", "starboard"))
+SOFTWARE = "llvmpipe (LLVM 15.0.6, 256 bits)"
 
 
 class Process:
@@ -23,40 +25,61 @@ class Process:
     gone = False
 
     def __init__(self, *_: Any) -> None:
-        self.cameras: list[str] = []
+        self.images: list[str] = []
+        self.closed = False
         Process.made.append(self)
 
     def start(self) -> None: ...
 
     def send(self, message: Any) -> None:
         if isinstance(message, SimpleNamespace):
-            self.cameras.append(message.camera)
+            self.images.append(f"{message.camera} {message.number}")
 
     def receive(self, timeout_s: float) -> list[dict[str, str]]:
         return [{"device": Process.device}]
 
+    def close(self) -> None:
+        self.closed = True
 
-def drawn_by(device: str, processors: int, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
-    """Return the cameras of the images of each process, after two images of each camera."""
+
+def drawn_by(
+    device: str,
+    processors: int,
+    monkeypatch: pytest.MonkeyPatch,
+    cameras: Sequence[CameraSpec] = CAMERAS,
+    by_turns: bool = False,
+) -> list[list[str]]:
+    """Return the images of each process that was not closed, after two images of each camera."""
     monkeypatch.setattr(remote_studio, "SideProcess", Process)
     monkeypatch.setattr(os, "cpu_count", lambda: processors)
     monkeypatch.setattr(Process, "device", device)
     monkeypatch.setattr(Process, "made", [])
-    studio = RemoteStudio(CAMERAS, pytest.fail)
+    studio = RemoteStudio(cameras, pytest.fail, by_turns)
     studio.start({}, ())
-    for camera in (*CAMERAS, *CAMERAS):
-        commission: Any = SimpleNamespace(camera=camera.name)
-        studio.submit(commission)
-    return [process.cameras for process in Process.made]
+    for number in (1, 2):
+        for camera in cameras:
+            commission: Any = SimpleNamespace(camera=camera.name, number=number)
+            studio.submit(commission)
+    return [process.images for process in Process.made if not process.closed]
 
 
 def test_without_a_graphics_card_cameras_share_the_processors(monkeypatch: pytest.MonkeyPatch) -> None:
-    shared = drawn_by("llvmpipe (LLVM 15.0.6, 256 bits)", 2, monkeypatch)
-    assert shared == [["port", "starboard", "port", "starboard"], ["bow", "bow"]]
+    shared = drawn_by(SOFTWARE, 2, monkeypatch)
+    assert shared == [["port 1", "starboard 1", "port 2", "starboard 2"], ["bow 1", "bow 2"]]
+
+
+def test_images_that_nobody_waits_for_are_drawn_by_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert drawn_by(SOFTWARE, 2, monkeypatch, CAMERAS[:1], by_turns=True) == [["port 2"], ["port 1"]]
+
+
+def test_one_process_draws_all_images_for_a_detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = CAMERAS[0], CameraSpec(name="mast", detector=DetectorSpec(kind="colour"))
+    drawn = drawn_by(SOFTWARE, 2, monkeypatch, cameras, by_turns=True)
+    assert drawn == [["port 2"], ["port 1", "mast 1", "mast 2"]]
 
 
 def test_there_are_no_more_processes_than_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert len(drawn_by("llvmpipe (LLVM 15.0.6, 256 bits)", 64, monkeypatch)) == 3
+    assert len(drawn_by(SOFTWARE, 64, monkeypatch)) == 3
 
 
 def test_a_graphics_card_has_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
