@@ -44,6 +44,7 @@ from xitl_cli.plugins.cameras.images import (
 from xitl_cli.plugins.cameras.mavlink_camera import GimbalAngles
 from xitl_cli.plugins.cameras.models import TriangleModel, body_model, hull_model, vessel_model, world_model
 from xitl_cli.plugins.cameras.outputs import CameraOutputs, StreamServers
+from xitl_cli.plugins.cameras.rain import Rain
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
 from xitl_cli.plugins.cameras.renderer import DrawnWorld, FoamTrail, PlacedModel, Shot, Viewpoint
 from xitl_cli.plugins.cameras.studio import Commission, lens_of
@@ -111,6 +112,7 @@ class Pose:
     stamp_ns: int
     pos_ned_m: Array
     rot_ned_frd: Array
+    vel_ned_mps: Array
 
 
 class CameraNode(RunNode):
@@ -182,9 +184,9 @@ class CameraNode(RunNode):
 
     def sense(self, step: RunStep) -> None:
         now_ns, motion = step.now_ns, step.motion
-        pose = Pose(now_ns, motion.pos_ned_m[0], motion.rot_ned_frd[0])
+        pose = Pose(now_ns, motion.pos_ned_m[0], motion.rot_ned_frd[0], motion.vel_ned_mps[0])
         self._poses.append(pose)
-        self._leave_wake(pose, float(np.hypot(*motion.vel_ned_mps[0, :2])))
+        self._leave_wake(pose)
         dt_s = self.sense_every / self._physics_hz
         for camera in self._cameras.values():
             camera.gimbal.advance(dt_s)
@@ -280,10 +282,11 @@ class CameraNode(RunNode):
         camera.exposing.append((camera.number, now_ns + camera.window_ns))
 
     def _commission(self, camera: Mounted, number: int, stamp_ns: int) -> None:
-        middle, shots = self._shots(camera, stamp_ns)
+        grain_at = camera.rng.integers(0, 512, 2).tolist()
+        seed = int(camera.rng.integers(1 << 62))
+        middle, shots = self._shots(camera, stamp_ns, seed)
         exposure = camera.keys.exposure
         light = middle.world.light
-        grain_at = camera.rng.integers(0, 512, 2).tolist()
         ticket = self._studio.submit(
             Commission(
                 camera=camera.keys.name,
@@ -298,7 +301,7 @@ class CameraNode(RunNode):
                     shot_noise=exposure.shot_noise,
                     grain_at=(grain_at[0], grain_at[1]),
                 ),
-                noise_seed=int(camera.rng.integers(1 << 62)),
+                noise_seed=seed,
             )
         )
         self._mounts[ticket] = self._pose(stamp_ns).rot_ned_frd.T @ middle.view.rot_ned_optical
@@ -314,10 +317,16 @@ class CameraNode(RunNode):
         topics += [DETECTIONS.name] if camera.detector is not None else []
         return bool(self._listeners) or self._recorder.watches(*topics)
 
-    def _shots(self, camera: Mounted, stamp_ns: int) -> tuple[Shot, tuple[Shot, ...]]:
-        """Return the shot at the time stamp, and those that together make the image: rows by time, each with blur."""
-        middle = self._shot(camera, stamp_ns)
+    def _shots(self, camera: Mounted, stamp_ns: int, seed: int) -> tuple[Shot, tuple[Shot, ...]]:
+        """Return the shot at the time stamp, and those that together make the image: rows by time, each with blur.
+
+        seed: of the drops of rain.
+        """
         exposure, height = camera.keys.exposure, camera.lens.height_px
+        mmph = self._context.profile.environment.rain_mmph if camera.keys.kind == "colour" else 0.0
+        velocity = self._pose(stamp_ns).vel_ned_mps
+        rain = Rain(mmph, exposure.time_s, exposure.time_s, 0.0, velocity, seed) if mmph else None
+        middle = self._shot(camera, stamp_ns, rain=rain)
         if not camera.window_ns:
             return middle, (middle,)
         moved_px = self._motion_px(camera, stamp_ns)
@@ -331,7 +340,8 @@ class CameraNode(RunNode):
             rows = (low, high) if bands > 1 else None
             for number in range(blurs):
                 at_s = row_s + exposure.time_s * ((number + 0.5) / blurs - 0.5)
-                shots.append(self._shot(camera, stamp_ns + round(at_s * 1e9), rows, 1.0 / blurs))
+                rain = Rain(mmph, exposure.time_s, exposure.time_s / blurs, at_s, velocity, seed) if mmph else None
+                shots.append(self._shot(camera, stamp_ns + round(at_s * 1e9), rows, 1.0 / blurs, rain))
         return middle, tuple(shots)
 
     def _motion_px(self, camera: Mounted, stamp_ns: int) -> float:
@@ -353,13 +363,21 @@ class CameraNode(RunNode):
         share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
         blended = before.rot_ned_frd + share * (after.rot_ned_frd - before.rot_ned_frd)
         left, _, right = np.linalg.svd(blended)  # the nearest rotation
-        return Pose(stamp_ns, before.pos_ned_m + share * (after.pos_ned_m - before.pos_ned_m), left @ right)
+        place = before.pos_ned_m + share * (after.pos_ned_m - before.pos_ned_m)
+        return Pose(stamp_ns, place, left @ right, after.vel_ned_mps)
 
-    def _shot(self, camera: Mounted, stamp_ns: int, rows: tuple[int, int] | None = None, share: float = 1.0) -> Shot:
+    def _shot(
+        self,
+        camera: Mounted,
+        stamp_ns: int,
+        rows: tuple[int, int] | None = None,
+        share: float = 1.0,
+        rain: Rain | None = None,
+    ) -> Shot:
         pose = self._pose(stamp_ns)
         place = pose.pos_ned_m + pose.rot_ned_frd @ np.array(camera.keys.position_frd_m)
         view = Viewpoint(place, camera.gimbal.rot_ned_optical(pose.rot_ned_frd))
-        return Shot(view, self._world(pose), rows, share)
+        return Shot(view, self._world(pose), rows, share, rain)
 
     def _world(self, pose: Pose) -> DrawnWorld:
         plant, environment = self._context.plant, self._context.plant.simulation.environment
@@ -420,9 +438,9 @@ class CameraNode(RunNode):
             number += 1
         return tuple(placed)
 
-    def _leave_wake(self, pose: Pose, speed_mps: float) -> None:
+    def _leave_wake(self, pose: Pose) -> None:
         if not self._wake or pose.stamp_ns >= self._wake[-1][0] + round(WAKE_STEP_S * 1e9):
-            ahead = pose.rot_ned_frd[:2, 0]
+            ahead, speed_mps = pose.rot_ned_frd[:2, 0], float(np.hypot(*pose.vel_ned_mps[:2]))
             self._wake.append((pose.stamp_ns, pose.pos_ned_m[:2], math.atan2(ahead[1], ahead[0]), speed_mps))
             if pose.stamp_ns - self._wake[0][0] > WAKE_S * 1e9:
                 self._wake.popleft()

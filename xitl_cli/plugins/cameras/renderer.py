@@ -4,9 +4,9 @@
     renderer.colour(shots, lens, exposure)  ->  image without noise
     renderer.measure(view, lens, world)     ->  object, metres and temperature of each pixel
 
-Passes of one picture: the sky by direction (when the light has changed), shadows, objects mirrored at the still water,
-the shape of the water, its light, objects, sky. OpenCV then bends the picture as the lens does. A second set of passes
-measures object, distance and temperature of each pixel.
+Passes of one picture: the sky by direction (when the light has changed), shadows, objects mirrored at the still
+water, the shape of the water, its light, objects, sky, rain. OpenCV then bends the picture as the lens does. A second
+set of passes measures object, distance and temperature of each pixel.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.plugins.cameras.daylight import SUN_RADIUS_RAD, Daylight
 from xitl_cli.plugins.cameras.image_sensor import ViewFace, faces_of
 from xitl_cli.plugins.cameras.models import VERTEX, WATER_C, TriangleModel
+from xitl_cli.plugins.cameras.rain import Rain, streaks
 
 NEAR_M, FAR_M = 0.08, 12_000.0
 MOST_COMPONENTS = 64
@@ -122,6 +123,7 @@ class Shot:
     """First row and the row after the last one; None for all."""
     share: float = 1.0
     """Weight in the mean of the shots with the same rows."""
+    rain: Rain | None = None
 
 
 class Target:
@@ -133,7 +135,10 @@ class Target:
         size = self.faces[0].size_px
         depth = context.depth_renderbuffer(size)
         self.depth = context.framebuffer(depth_attachment=depth)
-        self.colour = context.framebuffer([context.texture(size, 4), context.texture(size, 1, dtype="u2")], depth)
+        picture = context.texture(size, 4)
+        self.colour = context.framebuffer([picture, context.texture(size, 1, dtype="u2")], depth)
+        self.picture = context.framebuffer([picture], depth)
+        """Without the numbers of the objects."""
         self.shape = context.texture(size, 2, dtype="u4")
         """Of the water, see surface.frag."""
         self.shaped = context.framebuffer([self.shape], depth)
@@ -267,6 +272,7 @@ class Renderer:
                 ("water with foam", "screen.vert", "water.frag", "SCREEN", "FOAM"),
                 ("water truth", "water.vert", "truth.frag"),
                 ("foam", "foam.vert", "foam.frag"),
+                ("rain", "rain.vert", "rain.frag"),
             )
         }
         self._uniforms = {name: {key: program[key] for key in program} for name, program in self._programs.items()}
@@ -374,6 +380,8 @@ class Renderer:
         context.depth_func = "<="
         self._draw_screen("sky", rotation, face)
         context.depth_func = "<"
+        if shot.rain is not None:
+            self._draw_rain(target, place, face, rotation, shot.rain, world)
         target.shaped.scissor = frame.scissor = None
         raw = np.frombuffer(frame.read(place, components=4), uint8)  # three components take longer
         return np.asarray(cv2.cvtColor(raw.reshape(rows[1] - rows[0], width, 4), cv2.COLOR_RGBA2RGB), uint8)
@@ -624,6 +632,33 @@ class Renderer:
         water = self._context.vertex_array(self._programs[program], [layout], order, index_element_size=4)
         water.render(self._context.TRIANGLES)
         for used in (water, points, order):
+            used.release()
+
+    def _draw_rain(
+        self,
+        target: Target,
+        place: tuple[int, int, int, int],
+        face: ViewFace,
+        rotation: Array,
+        rain: Rain,
+        world: DrawnWorld,
+    ) -> None:
+        """Draw drops in front of what is drawn, in a part of the picture."""
+        corners = streaks(rain, world.wind_ne_mps, rotation, face.size_px, face.tangent)
+        if not len(corners):
+            return
+        order = (4 * np.arange(len(corners))[:, None] + [0, 1, 2, 1, 3, 2]).astype(np.uint32)
+        buffer, indices = self._context.buffer(corners.tobytes()), self._context.buffer(order.tobytes())
+        layout = (buffer, "3f 4f", "in_place", "in_streak")
+        drops = self._context.vertex_array(self._programs["rain"], [layout], indices, index_element_size=4)
+        projection = _projection(face.tangent)
+        self._write("rain", to_depth=projection[2, 2:])
+        target.picture.scissor, target.picture.depth_mask = place, False
+        target.picture.use()
+        self._context.enable_only(self._context.DEPTH_TEST | self._context.BLEND)
+        self._context.blend_func = self._context.SRC_ALPHA, self._context.ONE_MINUS_SRC_ALPHA
+        drops.render(self._context.TRIANGLES)
+        for used in (drops, buffer, indices):
             used.release()
 
     def _draw_screen(self, program: str, rotation: Array, face: ViewFace) -> None:
