@@ -17,7 +17,7 @@ from sim_core.environment.waves import FlatWater
 from sim_core.sensors.camera_spec import LensSpec
 from sim_core.sensors.lens import Lens
 from sim_core.world.geometry import CONCRETE, STEEL, Mesh, box, moved, sphere
-from xitl_cli.plugins.cameras.daylight import daylight, visible_extinction_per_m
+from xitl_cli.plugins.cameras.daylight import Daylight, daylight, visible_extinction_per_m
 from xitl_cli.plugins.cameras.gimbal import ROT_FRD_OPTICAL
 from xitl_cli.plugins.cameras.image_sensor import ImageResponse, ImageSensor, faces_of
 from xitl_cli.plugins.cameras.images import ObjectClass
@@ -303,3 +303,35 @@ def test_sky_and_water_meet_at_the_horizon() -> None:
     assert set(np.unique(numbers)) == {SEA_ID, SKY_ID}
     assert int((numbers == SKY_ID).sum()) == pytest.approx(horizon, abs=1.5)
     assert VERTEX.itemsize == 48
+
+
+@pytest.mark.medium
+def test_a_moving_object_has_its_shadow_on_the_water_where_the_sun_throws_it() -> None:
+    plate_m = 1.0, -2.0, -3.0  # above the water
+    sun = np.array([0.0, 1.0, -1.0]) / np.sqrt(2.0)  # in the east
+    plate = model(box((2.0, 2.0, 0.2), STEEL))
+    above = view(0.0, 0.0, -12.0, pitch_deg=-90.0)
+    placed = PlacedModel("plate", np.array(plate_m), np.eye(3), 1)
+    water = {"water_colour": np.array([0.2, 0.2, 0.2]), "wind_ne_mps": np.zeros(2)}
+
+    def darker(still: tuple[str, ...], light: Daylight) -> np.ndarray:
+        """Return where the plate darkens the water, (P, 2) north and east."""
+        renderer = Renderer({"plate": plate}, still)
+        pictures = []
+        for objects in ((), (placed,)):
+            world = surroundings(*objects, light=light, **water)
+            pictures.append(renderer.colour([Shot(above, world)], LENS, light.exposure).astype(float).mean(axis=2))
+            numbers = renderer.numbers(LENS)
+        renderer.close()
+        rows, columns = np.nonzero((pictures[1] < 0.85 * pictures[0]) & (numbers == SEA_ID))
+        rays = LENS.directions(np.column_stack([columns, rows]).astype(float)) @ above.rot_ned_optical.T
+        return 12.0 * rays[:, :2] / rays[:, 2:]
+
+    shadow_ne_m = darker((), daylight(sun, 0.0))
+    low, high = shadow_ne_m.min(axis=0), shadow_ne_m.max(axis=0)
+    # Three metres high, so three metres to the west; the plate is 0.2 m thick
+    assert low == pytest.approx([0.0, -6.1], abs=0.2)
+    assert high == pytest.approx([2.0, -3.9], abs=0.2)
+    assert not len(darker((), daylight(sun, 1.0)))  # clouds hide the sun
+    assert not len(darker((), daylight(np.array([0.0, 0.94, 0.34]), 0.0)))  # night
+    assert not len(darker(("plate",), daylight(sun, 0.0)))  # what never moves

@@ -38,6 +38,10 @@ MOST_COMPONENTS = 64
 SHADOW_PX, SHADOW_M, SHADOW_STEP_M = 1024, 120.0, 8.0
 """Size of the shadow map, and width of the square around the camera that has shadows."""
 FOAM_PX, FOAM_M, LEAST_FOAM, FEWEST_WHITECAPS = 256, 128.0, 0.01, 1e-4
+SHADE_PX, SHADE_M = 512, 64.0
+"""Of the map of shadows on the water around the camera."""
+LEAST_SUN, LOWEST_SUN = 0.02, 0.05
+"""Weakest direct light with shadows, and lowest sun with shadows on the water, as the sine of its elevation."""
 RIPPLE_PX, RIPPLE_M = 512, 6.5
 SKY_PX = (512, 512)
 CLOUDS_S = 5.0
@@ -47,10 +51,23 @@ NEAREST_GAP, FARTHEST_GAP, GAP_PX, NEAR_SEA_M = 0.06, 0.25, 1.5, 1500.0
 SECTOR_RAD = math.radians(2.0)
 GRID = np.array([(x, y, 1.0) for x in np.linspace(-1.0, 1.0, 9) for y in np.linspace(-1.0, 1.0, 9)])
 """Rays of a view whose half has a tangent of 1."""
-SAMPLERS = "sky_map", "shadow_map", "components", "ripples", "mirrored", "foam_map", "surface", "sky_values"
+SAMPLERS = (
+    "sky_map",
+    "shadow_map",
+    "components",
+    "ripples",
+    "mirrored",
+    "foam_map",
+    "surface",
+    "sky_values",
+    "shade_map",
+)
 """Names in the programs, by texture unit."""
-SCREENS = "sky map", "sky", "water", "water with foam"
+SCREENS = "sky map", "sky", "water", "near water"
 """Programs that fill the picture."""
+CLIP_DISTANCE = 0x3000
+"""GL_CLIP_DISTANCE0."""
+CUBE = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 CELL_M = 25.0
 """Of the grid in which models are searched for what is in sight."""
 GRAINS_M, GRAIN_OF_PX = (0.25, 0.6, 1.5), 1.0
@@ -226,7 +243,7 @@ class Cells:
         """
         across = np.array([to_clip[3] + to_clip[0], to_clip[3] - to_clip[0], to_clip[3] + to_clip[1],
                            to_clip[3] - to_clip[1], to_clip[3] + to_clip[2], to_clip[3] - to_clip[2]])  # fmt: skip
-        across = across / np.linalg.norm(across[:, :3], axis=1, keepdims=True)
+        across = across / np.maximum(np.linalg.norm(across[:, :3], axis=1, keepdims=True), 1e-9)
         distance = self.middle_m @ across[:, :3].T + across[:, 3]
         inside = np.flatnonzero((distance > -self.radius_m[:, None]).all(axis=1))
         away_m = np.linalg.norm(self.middle_m[inside] - camera_m, axis=1) - self.radius_m[inside]
@@ -269,9 +286,10 @@ class Renderer:
                 ("model truth", "model.vert", "truth.frag"),
                 ("water shape", "water.vert", "surface.frag"),
                 ("water", "screen.vert", "water.frag", "SCREEN"),
-                ("water with foam", "screen.vert", "water.frag", "SCREEN", "FOAM"),
+                ("near water", "screen.vert", "water.frag", "SCREEN", "NEAR"),
                 ("water truth", "water.vert", "truth.frag"),
                 ("foam", "foam.vert", "foam.frag"),
+                ("shade", "model.vert", "shade.frag"),
                 ("rain", "rain.vert", "rain.frag"),
             )
         }
@@ -300,6 +318,9 @@ class Renderer:
         self._foam = context.texture((FOAM_PX, FOAM_PX), 1, dtype="f1")
         self._foam.repeat_x = self._foam.repeat_y = False
         self._foam_frame = context.framebuffer([self._foam])
+        self._shade = context.texture((SHADE_PX, SHADE_PX), 1)
+        self._shade.repeat_x = self._shade.repeat_y = False
+        self._shade_frame = context.framebuffer([self._shade])
         self._targets: dict[Lens, Target] = {}
         for name, model in models.items():
             self.add(name, model)
@@ -318,7 +339,7 @@ class Renderer:
             program: self._context.vertex_array(
                 self._programs[program], [_used(layout, self._programs[program])], indices, index_element_size=4
             )
-            for program in ("model", "mirrored model", "shadow", "model truth")
+            for program in ("model", "mirrored model", "shadow", "shade", "model truth")
         }
         self._models[name] = LoadedModel(arrays, cells, self._context.buffer(reserve=max(cells.rows[0].nbytes, 20)))
 
@@ -357,7 +378,7 @@ class Renderer:
         self._draw_shadows(view, world)
         rotation = view.rot_ned_optical @ face.rot_optical_face
         to_clip = _projection(face.tangent) @ _homogeneous(rotation.T)
-        foam = self._draw_foam(view, world, to_clip)
+        near = self._draw_near_water(view, world, to_clip)
         self._draw_mirrored(target, to_clip, view, world)
         place = 0, rows[0], width, rows[1] - rows[0]
         target.depth.clear(depth=1.0)  # the other buffers are written where they are read
@@ -372,7 +393,7 @@ class Renderer:
         frame.use()
         context.depth_func = ">"
         target.shape.use(6)
-        self._draw_screen("water with foam" if foam else "water", rotation, face)
+        self._draw_screen("near water" if near else "water", rotation, face)
         frame.depth_mask = True
         frame.use()
         context.depth_func = "<"
@@ -518,7 +539,7 @@ class Renderer:
         self._components.use(2)
         wind = float(np.hypot(*world.wind_ne_mps))
         toward = world.wind_ne_mps / wind if wind > 0.0 else np.zeros(2)
-        for program in ("water", "water with foam", "water shape", "water truth"):
+        for program in ("water", "near water", "water shape", "water truth"):
             self._write(
                 program,
                 count=count,
@@ -552,7 +573,7 @@ class Renderer:
         to_shadow[:3, :3] = axes / np.array([[half], [half], [2.0 * half]])
         self._shadow_frame.use()
         self._shadow_frame.clear(depth=1.0)
-        if float(world.light.sun.max()) > 0.02:
+        if float(world.light.sun.max()) > LEAST_SUN:
             self._context.enable_only(self._context.DEPTH_TEST)
             still = [placed for placed in world.placed if placed.model in self._still]
             self._draw_models("shadow", to_shadow, Viewpoint(middle_m, view.rot_ned_optical), still)
@@ -561,11 +582,26 @@ class Renderer:
         self._to_shadow[2, 3] += 0.5
         self._draw_shadows(view, world)
 
-    def _draw_foam(self, view: Viewpoint, world: DrawnWorld, to_clip: Array) -> bool:
-        """Draw the map of foam. Return whether the picture may show some."""
+    def _draw_near_water(self, view: Viewpoint, world: DrawnWorld, to_clip: Array) -> bool:
+        """Draw the maps of foam and of shadows on the water. Return whether the picture may show some."""
         trails = [trail for trail in world.foam if _foam_in_sight(trail, view, world, to_clip)]
-        if not trails:
+        casting = [placed for placed in world.placed if self._shadow_in_sight(placed, view, world, to_clip)]
+        if not trails and not casting:
             return False
+        self._draw_foam(trails, view)
+        self._shade_frame.use()
+        self._shade_frame.clear()
+        if casting:  # on the still surface
+            to_map = np.diag([2.0 / SHADE_M, 2.0 / SHADE_M, 0.0, 1.0]) @ _along_sun(view, world)
+            self._context.enable_only(self._context.NOTHING)
+            self._context.enable_direct(CLIP_DISTANCE)
+            self._draw_models("shade", to_map, view, casting, _above_water(view, world, 0.0))
+            self._context.disable_direct(CLIP_DISTANCE)
+        self._shade.use(8)
+        self._write("near water", shade_frame=[-0.5 * SHADE_M, -0.5 * SHADE_M, SHADE_M])
+        return True
+
+    def _draw_foam(self, trails: Sequence[FoamTrail], view: Viewpoint) -> None:
         self._foam_frame.use()
         self._foam_frame.clear()
         self._context.enable_only(self._context.BLEND)
@@ -582,20 +618,33 @@ class Renderer:
             strip.release()
             buffer.release()
         self._foam.use(5)
-        self._write("water with foam", foam_frame=corner)  # its edge has no foam, so that there is none beyond
-        return True
+        self._write("near water", foam_frame=corner)  # the edges of the maps are empty, so that there is none beyond
+
+    def _shadow_in_sight(self, placed: PlacedModel, view: Viewpoint, world: DrawnWorld, to_clip: Array) -> bool:
+        """Whether the picture may show the shadow of a moving model on the water."""
+        sun = world.light.sun_ned
+        if placed.model in self._still or world.light.sun.max() <= LEAST_SUN or -sun[2] <= LOWEST_SUN:
+            return False
+        cells = self._models[placed.model].cells
+        if not len(cells.radius_m):
+            return False
+        offsets = cells.radius_m[:, None, None] * CUBE
+        corners = (cells.middle_m[:, None] + offsets).reshape(-1, 3) @ placed.rot_ned_model.T
+        corners = np.column_stack([corners + placed.pos_ned_m - view.pos_ned_m, np.ones(len(corners))])
+        shadow = corners @ _along_sun(view, world).T
+        near = bool((np.abs(shadow[:, :2]) < 0.5 * SHADE_M).all(axis=1).any())
+        return near and _in_sight(shadow, to_clip)
 
     def _draw_mirrored(self, target: Target, to_clip: Array, view: Viewpoint, world: DrawnWorld) -> None:
-        still_m = world.water_down_m - view.pos_ned_m[2]
         flip = np.diag([1.0, 1.0, -1.0, 1.0])
-        flip[2, 3] = 2.0 * still_m
+        flip[2, 3] = 2.0 * (world.water_down_m - view.pos_ned_m[2])
         target.mirror.use()
         target.mirror.clear()
         self._context.enable_only(self._context.DEPTH_TEST)
-        self._context.enable_direct(0x3000)  # GL_CLIP_DISTANCE0
-        above = 0.0, 0.0, -1.0, still_m + 0.02
+        self._context.enable_direct(CLIP_DISTANCE)
+        above = _above_water(view, world, 0.02)
         self._draw_models("mirrored model", to_clip @ flip, view, world.placed, above, target.lens.focal_px / 4.0)
-        self._context.disable_direct(0x3000)
+        self._context.disable_direct(CLIP_DISTANCE)
         target.mirrored.use(4)
 
     def _draw_models(
@@ -698,8 +747,28 @@ def _foam_in_sight(trail: FoamTrail, view: Viewpoint, world: DrawnWorld, to_clip
     if not len(ends):
         return False
     down = np.full((len(ends), 1), world.water_down_m - view.pos_ned_m[2])
-    x, y, _, w = to_clip @ np.hstack([ends, down, np.ones_like(down)]).T
+    return _in_sight(np.hstack([ends, down, np.ones_like(down)]), to_clip)
+
+
+def _in_sight(points: Array, to_clip: Array) -> bool:
+    """Whether points (P, 4) are not all beyond one side of the picture."""
+    x, y, _, w = to_clip @ points.T
     return not any(side.all() for side in (x > w, x < -w, y > w, y < -w))
+
+
+def _along_sun(view: Viewpoint, world: DrawnWorld) -> Array:
+    """Return the (4, 4) matrix that moves points, relative to the camera, along the sun to the still water."""
+    matrix = np.eye(4)
+    matrix[2, 2] = 0.0
+    matrix[2, 3] = still_m = world.water_down_m - view.pos_ned_m[2]
+    slope = world.light.sun_ned[:2] / world.light.sun_ned[2]
+    matrix[:2, 2], matrix[:2, 3] = -slope, slope * still_m
+    return matrix
+
+
+def _above_water(view: Viewpoint, world: DrawnWorld, margin_m: float) -> tuple[float, float, float, float]:
+    """Return the plane, relative to the camera, with what is above the still water, or less than a margin below it."""
+    return 0.0, 0.0, -1.0, float(world.water_down_m - view.pos_ned_m[2]) + margin_m
 
 
 def _projection(tangent: tuple[float, float]) -> Array:

@@ -3,9 +3,12 @@ uniform usampler2D surface;   // of surface.frag
 uniform sampler2D ripples;    // (4 + slope north, slope east) / 8 of the waves that are not components, unit variance; noise
 uniform sampler2D mirrored;   // objects, mirrored at the still surface
 uniform sampler2D foam_map;   // share of foam around the camera
+uniform sampler2D shade_map;  // share of shadow around the camera
 uniform vec3 foam_frame;      // corner relative to the camera, and size of the map of foam
+uniform vec3 shade_frame;
 in vec2 place;
 in vec3 ray;
+flat in vec3 shaded;          // light without the sun, of the light of the sea
 flat in vec3 sea;             // position of the camera in the pattern of ripples, its height above the still surface
 layout(location = 0) out vec4 value;
 layout(location = 1) out uint number;
@@ -41,16 +44,25 @@ void main() {
     glitter *= (1.0 - object.a) * exp(-dot(off, off) * inverse * spread * damping * cosine);
     float grazing = clamp(1.0 + across, 0.0, 0.98), grazing2 = grazing * grazing;
     float fresnel = 0.02 + 0.98 * grazing2 * grazing2 * grazing * (inverse * spread * rough * cosine);
-    vec3 colour = mix(water.rgb * (1.0 + 0.8 * clamp(rise, -0.5, 0.5)), reflected, fresnel) + glitter * sun_light.rgb;
+    vec3 from_water = water.rgb * (1.0 + 0.8 * clamp(rise, -0.5, 0.5)), of_foam = foam_light.rgb;
+#ifdef NEAR
+    vec2 still = position.xy + rise * sun.xy / sun.z; // the map has shadows on the still surface, along the sun
+    float shade = texture(shade_map, (still - shade_frame.xy) / shade_frame.z).r;
+    vec3 light = mix(vec3(1.0), shaded, shade);
+    from_water *= light;
+    of_foam *= light;
+    glitter *= 1.0 - shade;
+#endif
+    vec3 colour = mix(from_water, reflected, fresnel) + glitter * sun_light.rgb;
     // Foam: whitecaps at crests, and behind vessels
     float crest = fine.b + 0.15 * clamp(rise * whitecaps.x, -1.0, 1.0);
     float share = clamp((crest - whitecaps.y) * whitecaps.z, 0.0, 1.0);
     share *= share * (3.0 - 2.0 * share);
-#ifdef FOAM
+#ifdef NEAR
     float trail = texture(foam_map, (position.xy - foam_frame.xy) / foam_frame.z).r;
     share += trail * smoothstep(0.25, 0.75, fine.b + 0.6 * trail);
 #endif
-    colour = mix(colour, foam_light.rgb, min(share, 0.9));
+    colour = mix(colour, of_foam, min(share, 0.9));
     number = 60000u;
     value = vec4(image_value(through_air(colour, distance_m)), 1.0);
 }
