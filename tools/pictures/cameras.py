@@ -34,7 +34,7 @@ world:
 CONDITIONS = (
     ("day, with boxes of truth and detector", ""),
     ("glare", "environment.light.sun_elevation_deg=12 environment.light.sun_azimuth_deg=80"),
-    ("overcast", "environment.light.clouds=1"),
+    ("overcast, rain of 30 mm/h", "environment.light.clouds=1 environment.rain_mmph=30"),
     ("fog, visibility 60 m", "environment.visibility_m=60"),
     ("dusk", "environment.light.sun_elevation_deg=-3 environment.light.sun_azimuth_deg=70"),
     ("segmentation", "sensors.cameras.0.kind=segmentation sensors.cameras.0.detector=null"),
