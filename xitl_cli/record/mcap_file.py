@@ -143,6 +143,11 @@ class McapFile:
             self._guarded(self._writer.metadata, SPLIT_RECORD, {"number": "1", "from_ns": "0", "repeated": "{}"})
 
     @property
+    def mirrored(self) -> bool:
+        """Whether something gets the messages at once."""
+        return bool(self._mirrors)
+
+    @property
     def is_split(self) -> bool:
         """Whether the recording continues in further files at its limits."""
         return self._split is not None

@@ -249,9 +249,9 @@ class Recorder:
         """Call `seen` with the stamp and the values of each message on a topic from now on."""
         self._topics.watch(topic, seen)
 
-    def watches(self, *topics: str) -> bool:
-        """Whether somebody watches one of these topics."""
-        return self._topics.watches(*topics)
+    def read_in_run(self, *topics: str) -> bool:
+        """Whether something reads one of these topics during the run, not only in the recording."""
+        return self._file.mirrored or self._topics.watches(*topics)
 
     def write(self, stamp_ns: int, record: Any) -> None:
         """Write a record of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkReport, FaultEvent, ...

@@ -75,6 +75,13 @@ def test_a_vessel_that_is_not_there_is_refused_by_the_names_of_those_that_are(fl
         assert log.vessel == ""
 
 
+class Mirror:
+    """Shows nothing."""
+
+    def open_channel(self, *described: object) -> None:
+        return None
+
+
 def test_several_watch_a_topic_that_is_opened_later(tmp_path: Path) -> None:
     """Of one of several vessels a topic begins with its first message."""
     run = Recorder(tmp_path / "run.mcap", "lz4", links=())
@@ -84,3 +91,16 @@ def test_several_watch_a_topic_that_is_opened_later(tmp_path: Path) -> None:
     vessel.write(5, FaultEvent("link-cut", active=True))
     run.close()
     assert sorted(seen) == [("first", 5), ("second", 5)]
+
+
+def test_what_reads_a_topic_during_the_run_is_known(tmp_path: Path) -> None:
+    run = Recorder(tmp_path / "run.mcap", "lz4", links=())
+    vessel = run.of_vessel("alpha")
+    vessel.watch("/faults", lambda stamp_ns, *values: None)
+    assert vessel.read_in_run("/faults", "/clocks")
+    assert not vessel.read_in_run("/clocks")
+    assert not run.read_in_run("/faults")  # another vessel's
+    run.close()
+    mirrored = Recorder(McapFile(tmp_path / "mirrored.mcap", mirrors=(Mirror(),)))
+    assert mirrored.read_in_run("/clocks")
+    mirrored.close()

@@ -315,7 +315,7 @@ class CameraNode(RunNode):
         topics = [FRAMES.name, TRUTH.name, image_topic(camera.name, camera.kind).name]
         topics += [calibration_topic(camera.name).name, annotations_topic(camera.name).name]
         topics += [DETECTIONS.name] if camera.detector is not None else []
-        return bool(self._listeners) or self._recorder.watches(*topics)
+        return bool(self._listeners) or self._recorder.read_in_run(*topics)
 
     def _shots(self, camera: Mounted, stamp_ns: int, seed: int) -> tuple[Shot, tuple[Shot, ...]]:
         """Return the shot at the time stamp, and those that together make the image: rows by time, each with blur.
