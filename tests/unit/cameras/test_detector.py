@@ -131,6 +131,15 @@ def test_the_horizon_is_the_line_between_sky_and_water(slope: float) -> None:
     assert ColourDetector(CAMERA, lens_of(CAMERA)).find_horizon(np.full((240, 320, 3), 90, np.uint8)) is None
 
 
+def test_a_shore_is_no_horizon() -> None:
+    rows, columns = np.mgrid[:240, :320]
+    image = np.where((rows < 112)[..., None], (180, 190, 200), (80, 75, 60)).astype(np.uint8)
+    detector = ColourDetector(CAMERA, lens_of(CAMERA))
+    assert detector.find_horizon(image) == pytest.approx((112.0, 112.0), abs=2.0)
+    image[(rows >= 100) & (rows < 112) & (columns >= 160)] = 40, 70, 30
+    assert detector.find_horizon(image) is None
+
+
 def test_the_score_of_the_horizon_is_its_rms_over_both_ends() -> None:
     score = DetectorScore()
     assert score.report() == {}

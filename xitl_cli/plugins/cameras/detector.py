@@ -44,6 +44,9 @@ LEAST_RED, FEWEST_SPREADS = 5.0, 7.0
 """Of colour in CIELAB: orange over the water, and anything that differs from it."""
 EDGE_PX, LEAST_EDGE = 4, 1.5
 """Of the horizon: rows on either side that are compared, and the least mean root of their difference."""
+SKY_PX, SKY_CHANGE, SKY_SHARE = ((3, 8), (16, 40)), 4.0, 0.7
+"""Of the sky above a horizon: rows above the line that are compared, the least change of colour by which they are not
+both sky, and the share of columns with sky."""
 SHORE_PX = 3
 """Rows below the horizon that may show a shore, far away."""
 HAZY = 85.0
@@ -98,9 +101,13 @@ class ColourDetector:
         return [*found, *self._afloat(lab, horizon, boxes_of(found))]
 
     def find_horizon(self, image: NDArray[uint8]) -> tuple[float, float] | None:
-        """Return the rows of the horizon at the first and the last column; None where no line is clear."""
+        """Return the rows of the horizon at the first and the last column.
+
+        None where no line is clear, and where land is above the line: a shore is lower than the horizon.
+        """
         lab = _lab(image)
-        return None if self._is_hazy(lab) else self._horizon(lab)
+        line = None if self._is_hazy(lab) else self._horizon(lab)
+        return None if line is None or self._sky_share(lab, line) < SKY_SHARE else line
 
     def _is_hazy(self, lab: NDArray[float32]) -> bool:
         """Return whether even the darkest parts of the image are bright (He, Sun and Tang 2009)."""
@@ -167,6 +174,16 @@ class ColourDetector:
             return None
         half = 0.5 * slope * (columns - 1)
         return middle - half, middle + half
+
+    def _sky_share(self, lab: NDArray[float32], line: tuple[float, float]) -> float:
+        """Return the share of columns with one colour, that of the sky, near a line and farther above it."""
+        rows, columns = lab.shape[:2]
+        across = np.arange(2, columns, 4)
+        on_line = np.rint(np.linspace(*line, columns)[across]).astype(int)
+        near, far = (
+            lab[np.clip(on_line - np.arange(*above)[:, None], 0, rows - 1), across].mean(axis=0) for above in SKY_PX
+        )
+        return float(np.mean(np.linalg.norm(near - far, axis=1) < SKY_CHANGE))
 
     def _boom(self, lab: NDArray[float32]) -> list[Detection]:
         red = lab[..., 1] - np.median(lab[self._highest_row :, :, 1])
