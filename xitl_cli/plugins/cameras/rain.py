@@ -7,13 +7,13 @@ measurements of Gunn and Kinzer 1949. A drop is a moving disc, so the light that
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import float32
 from numpy.random import default_rng
 from numpy.typing import NDArray
 
+from sim_core.dataclass import dataclass
 from sim_core.frames import Array
 
 DIAMETER_EDGES_MM = np.arange(0.5, 6.01, 0.25)
