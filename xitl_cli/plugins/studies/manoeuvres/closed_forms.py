@@ -305,7 +305,12 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
         shaft = turning * curve.max_speed_rps
         ratio = advance / (shaft * curve.diameter_m) if shaft else 0.0
         ratios, coefficients = curve.curve
-        share = float(np.interp(ratio, ratios, coefficients)) / coefficients[0]
+        at_rest = coefficients[0]
+        if turning < 0 and curve.astern_advance_ratio is not None and curve.astern_thrust_coefficient is not None:
+            ratio = speed_mps / (shaft * curve.diameter_m)  # without wake
+            ratios, coefficients = curve.astern_advance_ratio, curve.astern_thrust_coefficient
+            at_rest = curve.astern_at_rest
+        share = float(np.interp(ratio, ratios, coefficients)) / at_rest
         thrust = rest * share
     elif propeller.medium == "water" and propeller.zero_thrust_speed_mps is not None and turning:
         onward = max(math.copysign(1.0, turning) * advance, 0.0)  # against the thrust: K_T of rest

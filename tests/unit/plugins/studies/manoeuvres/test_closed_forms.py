@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.vessel.spec import AddedMass, Damping, DemiHull, HullSection, Propeller, VesselSpec
+from sim_core.vessel.spec import AddedMass, Damping, DemiHull, HullSection, OpenWater, Propeller, VesselSpec
 from xitl_cli.plugins.studies.manoeuvres.closed_forms import (
     HorizontalMotion,
     LinearSeakeeping,
@@ -136,6 +136,21 @@ def test_an_air_propeller_keeps_its_power() -> None:
     through = 2.5 + math.sqrt(2.5**2 + thrust / (2 * disc))
     assert thrust * through == pytest.approx(100.0 * math.sqrt(100.0 / (2 * disc)))
     assert thrust < 100.0
+
+
+@pytest.mark.parametrize(("speed_mps", "coefficient"), [(-0.5, 0.2), (0.0, 0.2), (0.5, 0.25), (2.0, 0.3)])
+def test_a_table_astern_is_over_the_whole_speed_of_the_hull(speed_mps: float, coefficient: float) -> None:
+    """J_s = u / (n D) with n = -5/s and D = 0.2 m, whatever the wake."""
+    curve = OpenWater(
+        diameter_m=0.2,
+        max_speed_rps=10.0,
+        thrust_polynomial=(0.4, -0.4, 0.0),
+        astern_advance_ratio=(-1.0, 0.0),
+        astern_thrust_coefficient=(0.3, 0.2),
+    )
+    screw = Propeller((0, 0, 0), medium="water", wake_fraction=0.5, thrust_deduction=0.1, open_water=curve)
+    newtons = thrust_n(screw, WATER, -0.5, speed_mps)
+    assert newtons == pytest.approx(-0.9 * coefficient * 1000.0 * 25.0 * 0.2**4)
 
 
 def test_a_linear_boat_turns_as_nomoto_has_it() -> None:
