@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -30,17 +31,27 @@ HEAT = CameraSpec(name="heat", kind="thermal", width_px=320, height_px=240)
 
 @pytest.fixture(scope="module")
 def boat() -> Iterator[CameraBoat]:
+    """Both cameras have been heard, because a command to a component that nobody has heard is dropped."""
     with camera_boat([FRONT, HEAT]) as made:
+        with connected(made) as link:
+            for component in (common.MAV_COMP_ID_CAMERA, common.MAV_COMP_ID_CAMERA2):
+                received(link, "HEARTBEAT", component)
         yield made
 
 
-@pytest.fixture
-def station(boat: CameraBoat) -> Iterator[Any]:
+@contextmanager
+def connected(boat: CameraBoat) -> Iterator[Any]:
     host, port = boat.url.removeprefix("tcp://").split(":")
     link = mavutil.mavlink_connection(f"tcp:{host}:{port}", source_system=255, dialect="common")
     link.mav.heartbeat_send(common.MAV_TYPE_GCS, common.MAV_AUTOPILOT_INVALID, 0, 0, 4)
     yield link
     link.close()
+
+
+@pytest.fixture
+def station(boat: CameraBoat) -> Iterator[Any]:
+    with connected(boat) as link:
+        yield link
 
 
 def received(station: Any, kind: str, component: int = 100) -> Any:
