@@ -8,6 +8,9 @@ import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+
+import agent.board.archive as module
 from agent.board.archive import compiled, origin, origin_of
 
 SHEBANG = b"#!/usr/bin/env python3\n"
@@ -33,6 +36,16 @@ def test_it_runs_from_its_bytecode(tmp_path: Path) -> None:
     ran = subprocess.run([sys.executable, str(path), "x"], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == ["part", f"{path}/inner/part.pyc", "x"]
     assert path.read_bytes().startswith(SHEBANG)
+
+
+def test_a_program_knows_its_archive_and_one_in_a_folder_has_none(tmp_path: Path) -> None:
+    path, code = tmp_path / "a.pyz", Path(module.__file__).read_text(encoding="utf-8")
+    main = "import inner.archive; print(inner.archive.own_archive())"
+    path.write_bytes(archive({"__main__.py": main, "inner/archive.py": code}))
+    ran = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == str(path)
+    with pytest.raises(module.NotAnArchiveError, match="xitl agent package"):
+        module.own_archive()
 
 
 def test_bytecode_of_another_python_is_passed_over(tmp_path: Path) -> None:
