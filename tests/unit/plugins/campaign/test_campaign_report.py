@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from imagined_runs import imagined
@@ -148,3 +149,17 @@ def test_a_sensitivity_plan_ranks_its_axes(tmp_path: Path) -> None:
     ]
     assert told.grids[0].title == f"{TRACK} (8 groups of runs)"
     assert told.findings[0].sentence.startswith(f"{TRACK}: {WIND} has the largest effect (mu* = 2")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("current_m", "alike"), [(2.0, True), (0.2, False)])
+def test_axes_whose_intervals_overlap_are_not_told_apart(tmp_path: Path, current_m: float, alike: bool) -> None:
+    """Of 2 m + 0.3 m by the wind and `current_m` + 0.3 m by the current, where the other axis scales the 0.3 m."""
+
+    def figures(values: Any, seed: int) -> dict[str, object]:
+        wind, current = 0.1 * values[WIND], values[CURRENT]
+        return {TRACK: 2.0 * wind + current_m * current + 0.3 * wind * current, "duration_s": 60.0}
+
+    table, _ = imagined(planned(tmp_path, SENSITIVITY), tmp_path / "out", figures)
+    told = next(section for section in campaign_sections(table) if section.key == "sensitivity")
+    assert ("not distinguishable from it" in told.findings[0].sentence) is alike
