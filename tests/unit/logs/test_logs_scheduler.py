@@ -8,7 +8,7 @@ from made_log import MadeLog, MadeTable
 
 from tests.recorded import LINUX
 from xitl_cli.logs.model.sections import Severity
-from xitl_cli.logs.signals.deadlines import loop_windows, simulated_clock_reason
+from xitl_cli.logs.signals.deadlines import loop_windows, simulated_clock_reason, task_totals
 from xitl_cli.plugins.logs.analyses.scheduler import analyse
 
 SECOND = 1_000_000_000
@@ -66,6 +66,34 @@ def test_the_long_loop_is_placed_with_what_happened_then(version: str) -> None:
     assert evidence.until_ns == pytest.approx(25.3e9, abs=0.021e9)
     facts = {fact.key: fact.value for fact in section.facts}
     assert (facts["loops"], facts["long_loops"], facts["longest_loop_us"]) == (3000, 3, 300_000)
+
+
+def test_totals_of_logged_tasks_are_in_seconds_and_the_last_of_each() -> None:
+    columns = {"I": [0, 1, 0], "Name": np.array(["control", "link", "control"]), "Rate": [50.0, 10.0, 50.0]}
+    counts = {"N": [50, 10, 100], "Miss": [0, 1, 3], "Skip": [0, 0, 2]}
+    parts_us = {"JMax": [10.0, 20.0, 250.0], "JMean": [1.0, 2.0, 3.0], "RMax": [500.0, 40.0, 1500.0]}
+    tasks = MadeTable("TASK", STAMPS[:3], {**columns, **counts, **parts_us, "RMean": [90.0, 8.0, 100.0]})
+    worst = MadeTable("TSKQ", STAMPS[:1], {"I": [0], "JAtUS": [7_000_000], "RAtUS": [9_000_000]})
+    control, link = task_totals(MadeLog(tasks, worst))
+    assert (control.task, control.rate_hz, control.cycles, control.missed, control.skipped) == (
+        "control",
+        50,
+        100,
+        3,
+        2,
+    )
+    durations_s = (control.start_mean_s, control.start_max_s, control.run_mean_s, control.run_max_s)
+    assert durations_s == pytest.approx((3e-6, 250e-6, 100e-6, 1500e-6))
+    assert (control.worst_start_ns, control.worst_run_ns) == (7 * SECOND, 9 * SECOND)
+    assert (link.task, link.run_max_s, link.worst_run_ns) == ("link", pytest.approx(40e-6), None)
+
+
+def test_without_a_version_a_load_of_zero_and_loops_of_one_length_are_of_a_simulated_clock() -> None:
+    columns = {name: np.broadcast_to(value, len(STAMPS)) for name, value in VERSIONS["4.7"].items()}
+    still = MadeTable("PM", STAMPS, {**columns, "Load": np.zeros(len(STAMPS)), "MaxT": np.full(len(STAMPS), 20_000)})
+    assert "load is always 0" in simulated_clock_reason(MadeLog(still))
+    board = MadeTable("VER", [SECOND], {"BT": [1]})
+    assert simulated_clock_reason(MadeLog(still, board)) == ""
 
 
 def test_in_a_simulator_it_is_no_evidence() -> None:
