@@ -121,23 +121,29 @@ def test_a_camera_that_looks_up_finds_nothing() -> None:
     assert not ColourDetector(upward, lens_of(upward)).detect(river())
 
 
+def sky_and_water(line: np.ndarray) -> np.ndarray:
+    """Return an image whose water reflects the sky less and less below a line (240, 320)."""
+    below = np.mgrid[:240, :320][0] - line
+    water = np.array([60, 60, 50]) + 60.0 * np.exp(-np.maximum(below, 0.0) / 20.0)[..., None]
+    return np.where((below < 0)[..., None], (180, 190, 200), water).astype(np.uint8)
+
+
 @pytest.mark.parametrize("slope", [0.0, 0.05, -0.04])
 def test_the_horizon_is_the_line_between_sky_and_water(slope: float) -> None:
-    rows, columns = np.mgrid[:240, :320]
-    line = 112.0 + slope * (columns - 159.5)
-    image = np.where((rows < line)[..., None], (180, 190, 200), (80, 75, 60)).astype(np.uint8)
-    found = ColourDetector(CAMERA, lens_of(CAMERA)).find_horizon(image)
+    line = 112.0 + slope * (np.mgrid[:240, :320][1] - 159.5)
+    found = ColourDetector(CAMERA, lens_of(CAMERA)).find_horizon(sky_and_water(line))
     assert found == pytest.approx((112.0 - 159.5 * slope, 112.0 + 159.5 * slope), abs=2.0)
     assert ColourDetector(CAMERA, lens_of(CAMERA)).find_horizon(np.full((240, 320, 3), 90, np.uint8)) is None
 
 
-def test_a_shore_is_no_horizon() -> None:
-    rows, columns = np.mgrid[:240, :320]
-    image = np.where((rows < 112)[..., None], (180, 190, 200), (80, 75, 60)).astype(np.uint8)
-    detector = ColourDetector(CAMERA, lens_of(CAMERA))
+def test_a_shore_and_the_top_of_a_wall_are_no_horizons() -> None:
+    detector, image = ColourDetector(CAMERA, lens_of(CAMERA)), sky_and_water(np.full((240, 320), 112.0))
+    shore, wall = image.copy(), image.copy()
+    shore[100:112, 160:] = 40, 70, 30
+    wall[112:160] = 120, 120, 125
     assert detector.find_horizon(image) == pytest.approx((112.0, 112.0), abs=2.0)
-    image[(rows >= 100) & (rows < 112) & (columns >= 160)] = 40, 70, 30
-    assert detector.find_horizon(image) is None
+    assert detector.find_horizon(shore) is None
+    assert detector.find_horizon(wall) is None
 
 
 def test_the_score_of_the_horizon_is_its_rms_over_both_ends() -> None:

@@ -47,6 +47,9 @@ EDGE_PX, LEAST_EDGE = 4, 1.5
 SKY_PX, SKY_CHANGE, SKY_SHARE = ((3, 8), (16, 40)), 4.0, 0.7
 """Of the sky above a horizon: rows above the line that are compared, the least change of colour by which they are not
 both sky, and the share of columns with sky."""
+WATER_PX, WATER_SPREAD = (4, 40), 3.8
+"""Of the water below a horizon: rows below the line, and the least standard deviation of their lightness. A wall has
+less."""
 SHORE_PX = 3
 """Rows below the horizon that may show a shore, far away."""
 HAZY = 85.0
@@ -103,11 +106,12 @@ class ColourDetector:
     def find_horizon(self, image: NDArray[uint8]) -> tuple[float, float] | None:
         """Return the rows of the horizon at the first and the last column.
 
-        None where no line is clear, and where land is above the line: a shore is lower than the horizon.
+        None where no line is clear, where land is above it, as a shore is lower than the horizon, and where it is the
+        top of a wall.
         """
         lab = _lab(image)
         line = None if self._is_hazy(lab) else self._horizon(lab)
-        return None if line is None or self._sky_share(lab, line) < SKY_SHARE else line
+        return line if line is not None and self._is_between_sky_and_water(lab, line) else None
 
     def _is_hazy(self, lab: NDArray[float32]) -> bool:
         """Return whether even the darkest parts of the image are bright (He, Sun and Tang 2009)."""
@@ -175,15 +179,17 @@ class ColourDetector:
         half = 0.5 * slope * (columns - 1)
         return middle - half, middle + half
 
-    def _sky_share(self, lab: NDArray[float32], line: tuple[float, float]) -> float:
-        """Return the share of columns with one colour, that of the sky, near a line and farther above it."""
+    def _is_between_sky_and_water(self, lab: NDArray[float32], line: tuple[float, float]) -> bool:
         rows, columns = lab.shape[:2]
         across = np.arange(2, columns, 4)
         on_line = np.rint(np.linspace(*line, columns)[across]).astype(int)
-        near, far = (
-            lab[np.clip(on_line - np.arange(*above)[:, None], 0, rows - 1), across].mean(axis=0) for above in SKY_PX
-        )
-        return float(np.mean(np.linalg.norm(near - far, axis=1) < SKY_CHANGE))
+
+        def below(first: int, last: int) -> NDArray[float32]:
+            return lab[np.clip(on_line + np.arange(first, last)[:, None], 0, rows - 1), across]
+
+        near, far = (below(-last, -first).mean(axis=0) for first, last in SKY_PX)
+        is_sky = np.mean(np.linalg.norm(near - far, axis=1) < SKY_CHANGE) >= SKY_SHARE
+        return bool(is_sky and np.median(below(*WATER_PX)[..., 0].std(axis=0)) > WATER_SPREAD)
 
     def _boom(self, lab: NDArray[float32]) -> list[Detection]:
         red = lab[..., 1] - np.median(lab[self._highest_row :, :, 1])
