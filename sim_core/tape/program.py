@@ -58,6 +58,14 @@ class _Tape(ctypes.Structure):
     )
 
 
+def _aligned(count: int) -> Array:
+    """Return zeros that begin with a line of the cache: vectors across two lines take a fifth more time."""
+    line = 64
+    room = np.zeros(count + line // 8)
+    first = -room.ctypes.data % line // room.itemsize
+    return room[first : first + count]
+
+
 class _Room:
     """Working memory of one thread."""
 
@@ -68,9 +76,9 @@ class _Room:
         """For each number of rows, new arrays for results."""
         self._arrays: list[Array] = []
         for lanes in _LANES:
-            of_lanes = np.zeros((values, lanes))
+            of_lanes = _aligned(values * lanes).reshape(values, lanes)
             of_lanes[: len(constants)] = constants[:, None]
-            self._arrays += [of_lanes, np.empty(4 * operands * lanes)]
+            self._arrays += [of_lanes, _aligned(4 * operands * lanes)]
         self.addresses = tuple(array.ctypes.data for array in self._arrays)
         self._later, self._later_address = np.empty((0, 0)), 0
 
