@@ -7,10 +7,9 @@ Those of commands are here. `run_kinds.py` has those of runs. It is imported at 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from sim_core.dataclass import dataclass
 
 if TYPE_CHECKING:
     import typer

@@ -13,12 +13,12 @@ The entry points are read once per process, at the first question.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cache
 from pathlib import PurePath
 from typing import Any
 
 from agent.entry_points import OWN_PACKAGE, EntryPoint, ranked_entry_points
-from sim_core.dataclass import dataclass
 from xitl_cli.errors import UserError
 
 COMMANDS = "xitl.commands"

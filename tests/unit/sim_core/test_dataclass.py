@@ -116,6 +116,18 @@ def test_a_class_behaves_as_that_of_the_standard_library(frozen: bool, slots: bo
             assert hash(hashed) == hash((1, 2.0, (3,), "e"))
 
 
+def test_init_is_compiled_at_the_first_call() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Fresh:
+        """Not constructed yet."""
+
+        a: int
+
+    assert not inspect.isfunction(vars(Fresh)["__init__"])
+    assert Fresh(1).a == 1
+    assert inspect.isfunction(vars(Fresh)["__init__"])
+
+
 def test_a_derived_class_has_the_fields_of_its_base() -> None:
     derived = Derived("boat", 2.0, depth_m=3.0)
     assert (derived.name, derived.speed_mps, derived.doubled, derived.depth_m) == ("boat", 2.0, 4.0, 3.0)
@@ -194,9 +206,10 @@ def test_an_own_comparison_has_the_hash_of_the_fields() -> None:
 
 
 def test_modules_of_runs_use_it() -> None:
-    """All product code but the agent and the logs, which import nothing of sim_core."""
+    """All product code but the agent and the logs, which import nothing of sim_core, and what `xitl --help` loads."""
     files = [path for package in ("sim_core", "xitl_cli", "xitl") for path in (ROOT / package).rglob("*.py")]
-    apart = (ROOT / "sim_core/dataclass.py", ROOT / "xitl_cli/logs")
+    names = ("sim_core/dataclass.py", "xitl_cli/logs", "xitl_cli/plugin.py", "xitl_cli/registry.py")
+    apart = [ROOT / name for name in names]
     standard = re.compile(r"^from dataclasses import .*\bdataclass\b", re.M)
     found = [
         str(path.relative_to(ROOT))
