@@ -183,6 +183,11 @@ static void element_wise(int op, int64_t count, double *restrict out, const doub
     }
 }
 
+#undef A
+#undef B
+#undef C
+#undef D
+
 /* Up to eight columns of one row of the product, of one lane. Vectors hold the sums: gcc leaves an array in memory. */
 static inline __attribute__((always_inline)) void
 matmul_of_columns(const int used, int64_t inner, int64_t columns, double *restrict out, const double *restrict a,
