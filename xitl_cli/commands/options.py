@@ -22,16 +22,17 @@ def complete_profile(incomplete: str) -> list[str]:
 
     Parts of profiles are offered once their folder is typed. Without a match, the shell completes files by itself.
     """
+    from xitl_cli.paths import user_path
     from xitl_cli.profile.files.catalogue import SUFFIXES, shipped_profiles
 
     names = [name for name in shipped_profiles() if name.startswith(incomplete)]
     if "/" not in incomplete:
         names = [name for name in names if "/" not in name] or names
     folder, _, start = incomplete.rpartition("/")
-    where = Path(folder + "/" if folder or incomplete.startswith("/") else ".").expanduser()
+    where = user_path(folder + "/" if folder or incomplete.startswith("/") else ".")
     try:
         files = [path.name for path in where.iterdir() if path.suffix in SUFFIXES and path.name.startswith(start)]
-    except (OSError, ValueError, RuntimeError):
+    except (OSError, ValueError):
         files = []
     return names + [f"{incomplete[: len(incomplete) - len(start)]}{name}" for name in sorted(files)]
 

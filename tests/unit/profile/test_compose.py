@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.golden import Golden
+from xitl_cli.commands.options import complete_profile
 from xitl_cli.errors import UserError
 from xitl_cli.profile import ProfileError, load_profile, load_with_origins
 from xitl_cli.profile.files.catalogue import find_profile, profile_name, shipped_profiles
@@ -230,3 +231,7 @@ def test_origins_of_a_loaded_profile(write: Write) -> None:
     assert str(loaded.origin("clock.seed")) == "--set clock.seed"
     assert Path(loaded.origin("vehicle.propellers.0.max_thrust_n").source).name == "asv-full.yaml"
     assert loaded.path == path
+
+
+def test_the_shell_completes_nothing_in_the_home_of_an_unknown_user() -> None:
+    assert complete_profile("~nobody-here/bo") == []
