@@ -8,9 +8,9 @@
 Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Coverage.py measures first
 which tests execute which line: all fast and medium tests for random places, which build/ keeps for the commit, else the
 unit tests that import the files or are of their packages. Each mutant is tested with the tests that execute its
-statement, then with the others of the same files. Tests that a mutant keeps beyond a limit are ended, which counts as
-killed; those mutants are printed too, because they need a look: did the mutation loop? Exit status 1 means that a
-mutant survived.
+statement, then with the others of the same files, then by the type checker, as `make types` does. Tests that a mutant
+keeps beyond a limit are ended, which counts as killed; those mutants are printed too, because they need a look: did the
+mutation loop? Exit status 1 means that a mutant survived.
 """
 
 from __future__ import annotations
@@ -63,6 +63,8 @@ GIT_FILTER = """\
 [cosmic-ray.filters.git-filter]
 branch = "{base}"
 """
+DATACLASS_FLAG = re.compile(r"@dataclass\([^)]*\b(?:frozen|slots)=$")
+"""Up to a flag that changes nothing for correct code."""
 DOTTED_EXCEPTION = re.compile(r"\s*except\b[^:#]*\w\.\w")
 """Cosmic Ray fails to replace such a name."""
 BITS = re.compile(r"BinaryOperator_(?:Add|Sub|Mul|Div|FloorDiv|Mod|Pow)_(?:[LR]Shift|Bit\w+)$")
@@ -81,6 +83,8 @@ class Survival(NamedTuple):
     """Of those that survived: at statements that no test executes."""
     ended: int
     """Of the others: those whose tests were ended at a limit."""
+    mistyped: int
+    """Of the others: those that only the type checker refuses."""
 
 
 def main() -> int:
@@ -105,15 +109,17 @@ def main() -> int:
         suite = SuiteMap(BUILD / head, [])
     else:
         suite = SuiteMap(BUILD / "part", sorted({test for file in files for test in tests_of(file)}))
+    if not types_are_right():
+        sys.exit("the type checker finds errors without a mutant: make types")
     if options.count:
         results = mutate_anywhere(files, options.count, random.Random(options.seed), suite)
     else:
         base = None if options.files else options.base
         results = [mutate(file, mutants_of(file, base), suite) for file in files]
-    tested, survived, unexecuted, ended = (sum(numbers) for numbers in zip(*results, strict=True))
+    tested, survived, unexecuted, ended, mistyped = (sum(numbers) for numbers in zip(*results, strict=True))
     print(
         f"{survived} of {tested} mutants survived, {unexecuted} of them where no test goes; "
-        f"{1.0 - survived / max(tested, 1):.1%} were killed, {ended} of them at a limit"
+        f"{1.0 - survived / max(tested, 1):.1%} were killed, {ended} of them at a limit, {mistyped} by their types"
     )
     return 1 if survived else 0
 
@@ -261,15 +267,25 @@ def mutate(file: str, items: list[WorkItem], suite: SuiteMap) -> Survival:
             forget_bytecode(file)
             outcomes_of_parts = (run_tests(tests, suite) for tests in parts)
             outcome = next((one for one in outcomes_of_parts if one != "passed"), "passed")
+            if outcome == "passed" and not types_are_right():
+                outcome = "mistyped"
         forget_bytecode(file)
         outcomes[outcome] += 1
         outcomes["unexecuted"] += outcome == "passed" and not executing
-        if outcome != "failed":
+        if outcome in ("passed", "ended"):
             tests = f"{sum(map(len, parts))} of {len(executing) + len(others)} tests"
             print(f"{file}:{mutation.start_pos[0]}: {tests} {outcome}, {len(executing)} of them execute it")
             print(*unified_diff(code.split("\n"), mutant.split("\n"), file, file, lineterm=""), sep="\n", flush=True)
     print(f"{file}: {outcomes['passed']} of {len(items)} survived", flush=True)
-    return Survival(len(items), outcomes["passed"], outcomes["unexecuted"], outcomes["ended"])
+    return Survival(len(items), outcomes["passed"], outcomes["unexecuted"], outcomes["ended"], outcomes["mistyped"])
+
+
+def types_are_right() -> bool:
+    """Check the types of the clone, as `make types` does. What has not changed is in the checker's cache."""
+    run = subprocess.run([sys.executable, "-m", "mypy"], stdout=subprocess.PIPE, text=True, check=False)
+    if run.returncode not in (0, 1):
+        sys.exit(f"the type checker ended with status {run.returncode}:\n{run.stdout}")
+    return run.returncode == 0
 
 
 def forget_bytecode(file: str) -> None:
@@ -322,8 +338,9 @@ def parsed(file: Path) -> ast.Module:
 def mutants_of(file: str, base: str | None) -> list[WorkItem]:
     """Return the mutants of a file, or of its lines that differ from `base`.
 
-    Those of `X | Y` in annotations are left out, because nothing evaluates them, and bit operators in place of
-    arithmetic, because floats refuse them: any test that executes the line would kill them.
+    Left out are those of `X | Y` in annotations, because nothing evaluates them; bit operators in place of
+    arithmetic, because floats refuse them, so that any test that executes the line would kill them; and `frozen` and
+    `slots` of dataclasses, because they change nothing for code that keeps to its types.
     """
     from cosmic_ray.commands import init
     from cosmic_ray.work_db import use_db
@@ -344,6 +361,7 @@ def mutants_of(file: str, base: str | None) -> list[WorkItem]:
             if not _is_in(unions, item.mutations[0])
             and not BITS.search(item.mutations[0].operator_name)
             and not DOTTED_EXCEPTION.match(lines[item.mutations[0].start_pos[0] - 1])
+            and not DATACLASS_FLAG.search(_before(lines, item.mutations[0]))
         ]
 
 
@@ -354,6 +372,12 @@ def random_mutants(items: list[WorkItem], draw: random.Random) -> list[WorkItem]
         places.setdefault((item.mutations[0].start_pos, item.mutations[0].end_pos), []).append(item)
     chosen = draw.sample(sorted(places), min(PLACES_A_FILE, len(places)))
     return [draw.choice(places[place]) for place in chosen]
+
+
+def _before(lines: list[str], mutation: MutationSpec) -> str:
+    """Return what is before a mutation on its line."""
+    line, column = mutation.start_pos
+    return lines[line - 1][:column]
 
 
 def _is_in(unions: list[tuple[Position, Position]], mutation: MutationSpec) -> bool:
