@@ -1,4 +1,4 @@
-"""`make soak-long`: hours of a run in real time with ground stations, companion, view and random faults.
+"""`make soak-long`: hours of a run in real time with ground stations, companion, view, browser and random faults.
 
 It samples the processes every ten seconds, reads the whole recording in the end, and prints what grew and what the
 ends of each link counted. The result is also in OUT/soak.json. Exit code 1 if a limit is exceeded.
