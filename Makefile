@@ -166,7 +166,7 @@ paper: $(VENV)/.dev  ## the paper's experiments, and their tables and figures in
 soak: $(VENV)/.dev  ## ten minutes at 2000 messages a second: what was lost
 	$(BIN)/python -m tests.bench.soak
 
-soak-long: $(VENV)/.dev  ## hours of hitl-loopback with stations, companion, view and faults: memory, files, counts (HOURS=2 SEED=1)
+soak-long: $(VENV)/.dev  ## hours of hitl-loopback with stations, companion, view, browser and faults: memory, files, counts (HOURS=2 SEED=1)
 	$(BIN)/python -m tests.bench.soak_long $(if $(HOURS),--hours $(HOURS)) $(if $(SEED),--seed $(SEED))
 
 chaos: $(VENV)/.dev  ## random events against host, autopilot and companion, and what holds after each (SEED=1 EVENTS=200)
