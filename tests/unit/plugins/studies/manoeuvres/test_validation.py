@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -157,7 +158,7 @@ def test_a_zig_zag_is_reversed_at_its_angle(angle: int) -> None:
     assert reversed_at[-1] == len(time_s) - 1  # the last sample
     sides = np.array([1.0, -1.0] * 3)
     assert sides * heading_deg[reversed_at] == pytest.approx(np.full(6, angle), abs=0.4)
-    first, second = (float(np.abs(heading_deg[a:b]).max()) for a, b in zip(reversed_at, reversed_at[1:3], strict=False))
+    first, second = (float(np.abs(heading_deg[a:b]).max()) for a, b in pairwise(reversed_at[:3]))
     at_reversal = np.abs(heading_deg[reversed_at[:2]])
     assert value("asv-full", f"zig_zag_{angle}_overshoot_1_deg") == pytest.approx(first - at_reversal[0])
     assert value("asv-full", f"zig_zag_{angle}_overshoot_2_deg") == pytest.approx(second - at_reversal[1])
