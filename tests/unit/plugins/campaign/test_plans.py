@@ -214,7 +214,7 @@ def summary_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict
     return ran
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("name", sorted(path.stem for path in CAMPAIGNS.glob("*.yaml")))
 def test_a_shipped_plan_asks_for_figures_that_there_are(name: str, summary_of: Callable[[str], dict[str, Any]]) -> None:
     shipped = read_plan(find_plan(name))
