@@ -95,9 +95,7 @@ class ViewPage:
         assert initial_value in options
         return self._add(label, initial_value, options=options, **keys)
 
-    def add_slider(
-        self, label: str, min: float, max: float, step: float, initial_value: float, **keys: Any
-    ) -> Any:
+    def add_slider(self, label: str, min: float, max: float, step: float, initial_value: float, **keys: Any) -> Any:
         assert min <= initial_value <= max
         return self._add(label, initial_value, min=min, max=max, step=step, **keys)
 

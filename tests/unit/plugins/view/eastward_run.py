@@ -29,7 +29,7 @@ def run_file(path: Path, beside_m: float = 0.0) -> Path:
         )
         off = MotionEstimate(place[0] + [0.5, 0.0, 0.0], velocity[0], quat[0], np.zeros(3))
         recorder.estimate(now_ns, off)
-        recorder.fix(now_ns, -8.8, -63.95 + place[0, 1] / 110e3, 70.0)
+        recorder.fix(now_ns, -8.8 + beside_m / 110.6e3, -63.95 + place[0, 1] / 110e3, 70.0)
         recorder.environment(now_ns, np.array([0.25, 0.5, 0.0]), np.array([-3.0, 1.0, 0.0]), 0.0)
         recorder.actuators(now_ns, MotorCommand((0.4, -0.2), armed=now_ns >= 5e9), "propeller 0, propeller 1")
     recorder.close()
