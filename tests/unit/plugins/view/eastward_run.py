@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from xitl_cli.record.topics import MotionEstimate, MotorCommand
 HZ, SPEED_MPS, SECONDS = 10, 2.0, 20
 
 
-def run_file(path: Path, beside_m: float = 0.0) -> Path:
+def run_file(path: Path, beside_m: float = 0.0, further: Callable[[Recorder], object] | None = None) -> Path:
     """A run that goes east at 2 m/s, its estimate half a metre north of it; armed after 5 s."""
     recorder = Recorder(path, "lz4")
     recorder.metadata("xitl", {"profile": "made"})
@@ -32,5 +33,7 @@ def run_file(path: Path, beside_m: float = 0.0) -> Path:
         recorder.fix(now_ns, -8.8 + beside_m / 110.6e3, -63.95 + place[0, 1] / 110e3, 70.0)
         recorder.environment(now_ns, np.array([0.25, 0.5, 0.0]), np.array([-3.0, 1.0, 0.0]), 0.0)
         recorder.actuators(now_ns, MotorCommand((0.4, -0.2), armed=now_ns >= 5e9), "propeller 0, propeller 1")
+    if further is not None:
+        further(recorder)
     recorder.close()
     return path
