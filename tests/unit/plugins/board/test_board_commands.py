@@ -376,8 +376,8 @@ def test_an_agent_is_deployed_to_a_running_board_over_its_ssh(
     for file in (board.ssh_config, other):
         file.write_text("")
     reached = plugin.running_board("boat", None, None, None)
-    assert (reached.target, reached.ssh_config) == ("boat", board.ssh_config)
-    assert plugin.running_board("boat", 22, None, other).ssh_config == other
+    assert (reached.destination, reached.config) == ("boat", board.ssh_config)
+    assert plugin.running_board("boat", 22, None, other).config == other
 
 
 def test_boards_are_refused_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
