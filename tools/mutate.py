@@ -51,6 +51,7 @@ MOST_PROCESSOR_S, MOST_S = (20.0, 2.0), (60.0, 4.0)
 """A mutant may loop or wait without end: seconds, and further ones for each second that its tests take without it."""
 MOST_BYTES = 8 * 1024**3
 """A mutant that loops may fill the memory."""
+PASSED = (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
 PLACES_A_FILE = 3
 """Random places in a file. To list the mutants of a file takes as long as some tests."""
 COVERAGE = """\
@@ -182,20 +183,20 @@ class Measurement:
             configuration.write_text(COVERAGE.format(source=",".join(PRODUCT), omit=GENERATED))
             measured = ["--cov", f"--cov-config={configuration}", "--cov-context=test", "--cov-report="]
             timed = ["--durations=0", "--durations-min=0", "-rfE"]
-            run = subprocess.run(
-                [sys.executable, "-m", "pytest", *PYTEST, *measured, *timed, "-n", "auto", *tests],
-                env={**os.environ, "COVERAGE_FILE": str(data)},
-                stdout=subprocess.PIPE,
-                text=True,
-                check=False,
-            )
-            if run.returncode not in (
-                pytest.ExitCode.OK,
-                pytest.ExitCode.TESTS_FAILED,
-                pytest.ExitCode.NO_TESTS_COLLECTED,
-            ):
-                sys.exit(f"the tests without a mutant ended with status {run.returncode}:\n{run.stdout}")
-            report.write_text(run.stdout)
+            data.unlink(missing_ok=True)
+            reports = []
+            for group in alike(tests) or [[]]:
+                run = subprocess.run(
+                    [sys.executable, "-m", "pytest", *PYTEST, *measured, "--cov-append", *timed, "-n", "auto", *group],
+                    env={**os.environ, "COVERAGE_FILE": str(data)},
+                    stdout=subprocess.PIPE,
+                    text=True,
+                    check=False,
+                )
+                if run.returncode not in (*PASSED, pytest.ExitCode.TESTS_FAILED):
+                    sys.exit(f"the tests without a mutant ended with status {run.returncode}:\n{run.stdout}")
+                reports.append(run.stdout)
+            report.write_text("\n".join(reports))
         self._data = CoverageData(str(data))
         self._data.read()
         failed = set(FAILED.findall(report.read_text()))
@@ -356,11 +357,21 @@ def run_tests(tests: list[str], suite: SuiteMap) -> Literal["passed", "failed", 
         quiet = os.open(os.devnull, os.O_RDWR)
         for stream in range(3):
             os.dup2(quiet, stream)
-        os._exit(pytest.main([*PYTEST, "-x", *tests]))
+        codes = (int(pytest.main([*PYTEST, "-x", *group])) for group in alike(tests))
+        os._exit(next((code for code in codes if code not in PASSED), 0))
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if code in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+    if code in PASSED:
         return "passed"
     return "ended" if code in (-signal.SIGALRM, -signal.SIGKILL, -signal.SIGXCPU) else "failed"
+
+
+def alike(tests: Collection[str]) -> list[list[str]]:
+    """Return tests in groups that one call of pytest can run.
+
+    Those of tests/e2e import names from their conftest, which that of tests/unit hides if both are given.
+    """
+    ends = [test for test in tests if test.startswith("tests/e2e/")]
+    return [group for group in (ends, [test for test in tests if test not in ends]) if group]
 
 
 def statement_at(file: Path, line: int) -> tuple[int, bool]:
