@@ -64,6 +64,7 @@ class MadeLog(Log):
     tables: Any = None
     health: Any = None
     facts: Any = None
+    vessel: Any = ""
 
     def __init__(
         self, *tables: MadeTable, kind: Format = "dataflash", base: Base = "boot", path: str = "made.bin"
