@@ -35,8 +35,6 @@ from sim_core.world.rays import Backend, Bodies, RayCaster, Scene, ScenePart, ra
 from tests.golden import Golden
 from tests.river import fan, river_scenery
 
-pytestmark = pytest.mark.slow
-
 # Single precision carries 24 bits: 6e-8 of the 10 m these rays go, and some operations.
 SINGLE_M = 1e-5
 SIDES = 240
@@ -82,6 +80,7 @@ def rays(origin: object, direction: object) -> tuple[Array32, Array32]:
     return np.broadcast_to(np.asarray(origin), towards.shape).astype(np.float32), towards.astype(np.float32)
 
 
+@pytest.mark.medium
 def test_a_plane_is_at_its_depth_over_the_cosine(caster: RayCaster) -> None:
     angle = np.radians(np.arange(0.0, 80.0, 7.0))
     down = np.stack([0.3 * np.sin(angle), -0.954 * np.sin(angle), np.cos(angle)], axis=-1)
@@ -135,6 +134,7 @@ def test_a_box_by_its_corners(caster: RayCaster) -> None:
         np.testing.assert_allclose(hits.normal_ned[0], -sign * TURNED[:, 0], atol=1e-6)
 
 
+@pytest.mark.medium
 def test_a_body_is_met_where_its_velocity_has_brought_it(caster: RayCaster) -> None:
     """A ball that crosses at 2 m/s is 0.2 m further on for a ray that goes out 0.1 s later."""
     ball, still = sphere(0.5, HIDE, SIDES, SIDES // 2), heading_matrix(1.0)
@@ -208,6 +208,7 @@ def test_no_ray_that_meets_a_body_is_left_out(seed: int) -> None:
     assert sum(map(len, chosen.values())) < 0.2 * 25 * 3000
 
 
+@pytest.mark.medium
 def test_a_reach_hides_what_is_farther_and_is_left_as_it_was() -> None:
     caster, (origin, direction) = river_scenery().caster(), fan(3000)
     reach_m = np.full(3000, 60.0, dtype=np.float32)
@@ -219,6 +220,7 @@ def test_a_reach_hides_what_is_farther_and_is_left_as_it_was() -> None:
     np.testing.assert_array_equal(reach_m, 60.0)
 
 
+@pytest.mark.medium
 def test_embree_sees_the_whole_site_as_the_test_of_each_triangle_does() -> None:
     meshes = [part.mesh for part in river_scenery().scene.parts]
     origin, direction = fan(300)

@@ -153,7 +153,7 @@ def test_offset_and_drift_after_a_minute_of_two_millisecond_jitter(drift: float,
     assert sync.to_local(truth.remote(60 * SECOND)) == pytest.approx(60 * SECOND, abs=100e3)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", DELAYS)
 def test_two_milliseconds_of_any_jitter_with_a_floor(kind: str) -> None:
     """Drift within 1 ppm and offset within 100 us after a minute, 80 ppm and 3 s apart, over many seeds.
