@@ -67,6 +67,8 @@ branch = "{base}"
 """
 DATACLASS_FLAG = re.compile(r"@dataclass\([^)]*\b(?:frozen|slots)=$")
 """Up to a flag that changes nothing for correct code."""
+LARGEST_NUMBER = 100
+"""Cosmic Ray adds or subtracts 1. For larger numbers that is less than 1 %, which no sensible tolerance tells."""
 DOTTED_EXCEPTION = re.compile(r"\s*except\b[^:#]*\w\.\w")
 """Cosmic Ray fails to replace such a name."""
 BITS = re.compile(r"BinaryOperator_(?:Add|Sub|Mul|Div|FloorDiv|Mod|Pow)_(?:[LR]Shift|Bit\w+)$")
@@ -395,8 +397,9 @@ def mutants_of(file: str, base: str | None) -> list[WorkItem]:
     """Return the mutants of a file, or of its lines that differ from `base`.
 
     Left out are those of `X | Y` in annotations, because nothing evaluates them; bit operators in place of
-    arithmetic, because floats refuse them, so that any test that executes the line would kill them; and `frozen` and
-    `slots` of dataclasses, because they change nothing for code that keeps to its types.
+    arithmetic, because floats refuse them, so that any test that executes the line would kill them; `frozen` and
+    `slots` of dataclasses, because they change nothing for code that keeps to its types; and numbers beyond
+    LARGEST_NUMBER.
     """
     from cosmic_ray.commands import init
     from cosmic_ray.work_db import use_db
@@ -411,14 +414,7 @@ def mutants_of(file: str, base: str | None) -> list[WorkItem]:
             program = Path(sys.executable).parent / "cr-filter-git"
             subprocess.run([program, "--config", configuration, session], check=True)
         unions, lines = list(_annotations(Path(file))), Path(file).read_text(encoding="utf-8").split("\n")
-        return [
-            item
-            for item in database.pending_work_items
-            if not _is_in(unions, item.mutations[0])
-            and not BITS.search(item.mutations[0].operator_name)
-            and not DOTTED_EXCEPTION.match(lines[item.mutations[0].start_pos[0] - 1])
-            and not DATACLASS_FLAG.search(_before(lines, item.mutations[0]))
-        ]
+        return [item for item in database.pending_work_items if _can_matter(item.mutations[0], unions, lines)]
 
 
 def random_mutants(items: list[WorkItem], draw: random.Random) -> list[WorkItem]:
@@ -430,10 +426,20 @@ def random_mutants(items: list[WorkItem], draw: random.Random) -> list[WorkItem]
     return [draw.choice(places[place]) for place in chosen]
 
 
-def _before(lines: list[str], mutation: MutationSpec) -> str:
-    """Return what is before a mutation on its line."""
-    line, column = mutation.start_pos
-    return lines[line - 1][:column]
+def _can_matter(mutation: MutationSpec, unions: list[tuple[Position, Position]], lines: list[str]) -> bool:
+    """Whether a test could tell the mutation; see `mutants_of`."""
+    (first, begin), (_, end) = mutation.start_pos, mutation.end_pos
+    line = lines[first - 1]
+    return not (
+        _is_in(unions, mutation)
+        or BITS.search(mutation.operator_name)
+        or DOTTED_EXCEPTION.match(line)
+        or DATACLASS_FLAG.search(line[:begin])
+        or (
+            mutation.operator_name.endswith("NumberReplacer")
+            and abs(ast.literal_eval(line[begin:end])) > LARGEST_NUMBER
+        )
+    )
 
 
 def _is_in(unions: list[tuple[Position, Position]], mutation: MutationSpec) -> bool:
