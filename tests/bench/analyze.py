@@ -50,6 +50,7 @@ EARLY_S = 3.0
 EXCLUSIVE = (("attitude.overturned", "attitude.doubtful"), ("attitude.contact", "attitude.upright"))
 """Findings of which at most one is right in these runs."""
 RUNS_OF_A_WORKER = 16
+_STOPPED = ("interrupted", "failed")
 BOTH, OWN_LOG = "recording and log", "log"
 """Files of a run: the recording with the autopilot's log, and the log alone, which is all that a real vessel has."""
 
@@ -125,13 +126,19 @@ def carry_out(case: Case, folder: Path) -> dict[str, Outcome]:
 
     run = folder / case.run_name
     profile = folder / f"{case.run_name}.yaml"
-    known = (run / "summary.json").exists() and profile.exists()
+    known = _finished(run) and profile.exists()
     if not known or yaml.safe_load(profile.read_text(encoding="utf-8")) != case.document:
         profile.write_text(yaml.safe_dump(dict(case.document), sort_keys=False), encoding="utf-8")
         xitl.simulate(profile, out=run, overwrite=True)
     blind = [analysis for analysis in log_analyses() if analysis.name != "faults"]
     both, own = (build_report([path], blind, overview=False) for path in (run, run / "autopilot.bin"))
     return {BOTH: judge(case, both, case.causes), OWN_LOG: judge(case, own, case.causes_in_log)}
+
+
+def _finished(run: Path) -> bool:
+    """Whether the run reached its end: a stopped measurement leaves an interrupted one."""
+    summary = run / "summary.json"
+    return summary.exists() and json.loads(summary.read_text(encoding="utf-8"))["ended"] not in _STOPPED
 
 
 def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
