@@ -70,7 +70,7 @@ def test_the_estimator_gets_its_samples_at_their_rates_and_fixes_after_their_lat
     assert np.diff([sample.stamp_ns for _, sample in received["on_imu"]]).tolist() == [40_000_000] * 249
     for name in ("on_magnetometer", "on_barometer"):
         assert [sample.stamp_ns for _, sample in received[name]] == [now_ns for now_ns, _ in received[name]]
-    profile = load_profile("bases/base-sitl").runnable()
+    profile = load_profile("bases/base-sitl")
     site = load_profile("sites/santo-antonio").site
     assert profile.sensors is not None
     assert site is not None

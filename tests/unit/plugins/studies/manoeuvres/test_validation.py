@@ -280,17 +280,21 @@ def test_published_runs_of_the_otter() -> None:
     east, north = curve("otter", "runs", 1)
     assert east[-1] > 0.0
     assert (east[0], north[0]) == (0.0, 0.0)
-    assert len(compared("otter", STRIPS)) == 4 * 8  # without tables of a panel code
 
 
 @pytest.mark.medium
 def test_a_propeller_beside_its_place_turns_the_boat_better_to_one_side() -> None:
-    """Half a metre further out to starboard: a turn to port has the longer lever."""
+    """The starboard propeller is 0.4 of its place further out: a turn to port has the longer lever."""
     model = vessel("asv-full")
     port, starboard = model.propellers
     x, y, z = starboard.position_frd_m
-    lopsided = replace(model, propellers=(port, replace(starboard, position_frd_m=(x, 1.4 * y, z))))
-    found = {figure.key: figure for figure in validate_vessel(lopsided, "mine").figures}
+    further = replace(starboard, position_frd_m=(x, 1.4 * y, z))
+    lopsided = replace(model, propellers=(port, further), hydrodynamics_file=None)
+    validation = validate_vessel(lopsided, "mine")
+    found = {figure.key: figure for figure in validation.figures}
+    # Without tables of a panel code, the reference in waves is strip theory.
+    in_waves = [one for one in validation.figures if one.reference is not None and one.reference.source == STRIPS]
+    assert [one.agrees for one in in_waves] == [True] * 4 * 8
     asymmetry = found["turn_asymmetry"]
     assert asymmetry.reference is None  # it is not built symmetric
     port_degps, starboard_degps = (found[f"turn_{side}_rate_degps"].value for side in ("port", "starboard"))
