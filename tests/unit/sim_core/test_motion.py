@@ -22,7 +22,7 @@ from sim_core.simulation import Simulation, SimulationState, initial, step
 from sim_core.vessel.spec import Damping, VesselSpec, Windage
 from xitl_cli.profile import load_with_origins
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.medium
 
 DENSITY = 997.8
 STOPPED = np.zeros((1, 2))
@@ -235,7 +235,6 @@ def test_free_decays_in_heave_roll_and_pitch_have_the_damping_ratios_of_such_hul
         assert period == pytest.approx((0.913, 0.855, 0.878)[axis] * scale**0.5, rel=0.01)
 
 
-@pytest.mark.slow
 def test_a_drifting_vessel_ends_with_the_current() -> None:
     environment = Environment(water=Water(density_kgpm3=DENSITY), current=UniformCurrent(CurrentSpec(0.7, 60.0)))
     simulation = Simulation.from_spec(replace(FULL, wind=BARE.wind), environment, 0.01)
@@ -271,7 +270,6 @@ def energies_j(simulation: Simulation, motions: list[Kinematics]) -> tuple[np.nd
     return potential + [0.5 * v @ mass @ v for v in nu], potential
 
 
-@pytest.mark.slow
 def test_energy_is_conserved_without_damping() -> None:
     """In roll, heave and sway; pitch takes the centre of buoyancy at rest, which is good to second order only."""
     simulation = Simulation.from_spec(FRICTIONLESS, CALM, 0.0005)
@@ -366,7 +364,6 @@ def test_an_imu_can_integrate_what_the_vessel_does() -> None:
     assert np.std(gyro[:, 1]) > 0.02  # the sea did move it
 
 
-@pytest.mark.slow
 def test_a_froude_scaled_vessel_moves_alike() -> None:
     """A quarter of the length in half the time, through waves, current and wind: holds only if every term does."""
     tracks = []

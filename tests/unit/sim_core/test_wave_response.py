@@ -21,7 +21,7 @@ from sim_core.frames import matrix_to_euler
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.spec import Damping, VesselSpec
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.medium
 
 DENSITY = 997.8
 HEIGHT_M = 0.01

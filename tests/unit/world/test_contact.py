@@ -27,7 +27,7 @@ from sim_core.world.plan import Capsules, box_capsules, touches
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import OPEN_WATER, Waterway
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.medium
 
 BOOM_AT_M = 12.0
 BOOM = Capsules(

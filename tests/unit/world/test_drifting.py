@@ -18,7 +18,7 @@ from sim_core.world.river import FlatBed
 from sim_core.world.waterway import STILL, Afloat, StepTimes, WaterMotion, Waterway
 from sim_core.world.waterway import step as waterway_step
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.medium
 
 DT_NS = 20_000_000
 STILL_WATER = np.zeros((1, 3))
@@ -130,7 +130,8 @@ BOOM = Capsules(
 
 @pytest.mark.parametrize("kind", BodyKind)
 @pytest.mark.parametrize(
-    "heading_deg", [50.0, *(pytest.param(heading_deg, marks=pytest.mark.nightly) for heading_deg in (0.0, 90.0, 200.0))]
+    "heading_deg",
+    [50.0, *(pytest.param(heading, marks=(pytest.mark.slow, pytest.mark.nightly)) for heading in (0.0, 90.0, 200.0))],
 )
 def test_the_boom_holds_it(kind: BodyKind, heading_deg: float) -> None:
     waterway = Waterway(BOOM, launches=(Launch(0, kind, 3.0, 8.0, math.radians(heading_deg)),))

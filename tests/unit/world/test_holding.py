@@ -13,7 +13,7 @@ from sim_core.world.debris import BodyKind, DebrisState, Launch, drift, launched
 from sim_core.world.debris_contact import held_by
 from sim_core.world.plan import Capsules
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.medium
 
 LONG_NS = 20_000_000
 

@@ -23,7 +23,7 @@ from sim_core.world.plan import Capsules
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile import load_profile
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.medium
 
 FULL, THIRD = (load_profile(name).vehicle for name in ("asv-full", "asv-third"))
 ROCK_10_M = moved(ellipsoid((5.0, 5.0, 5.0), ROCK, 24, 16), (0.0, 0.0, 2.0))

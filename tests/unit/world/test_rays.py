@@ -35,7 +35,7 @@ from sim_core.world.rays import Backend, Bodies, RayCaster, Scene, ScenePart, ra
 from tests.golden import Golden
 from tests.river import fan, river_scenery
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.medium
 
 # Single precision carries 24 bits: 6e-8 of the 10 m these rays go, and some operations.
 SINGLE_M = 1e-5
