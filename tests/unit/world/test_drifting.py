@@ -131,7 +131,8 @@ BOOM = Capsules(
 @pytest.mark.medium
 @pytest.mark.parametrize("kind", BodyKind)
 @pytest.mark.parametrize(
-    "heading_deg", [50.0, *(pytest.param(heading_deg, marks=pytest.mark.nightly) for heading_deg in (0.0, 90.0, 200.0))]
+    "heading_deg",
+    [50.0, *(pytest.param(heading, marks=(pytest.mark.slow, pytest.mark.nightly)) for heading in (0.0, 90.0, 200.0))],
 )
 def test_the_boom_holds_it(kind: BodyKind, heading_deg: float) -> None:
     waterway = Waterway(BOOM, launches=(Launch(0, kind, 3.0, 8.0, math.radians(heading_deg)),))

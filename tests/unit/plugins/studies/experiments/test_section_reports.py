@@ -177,6 +177,49 @@ def test_the_figures_of_a_replay(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert commands.get_ylabel() == "command"
 
 
+@pytest.mark.medium
+def test_a_replay_is_compared_with_the_log_that_drove_it(tmp_path: Path) -> None:
+    """The outputs of an ArduRover drive the scale vessel for 8 s: the curves against both logs."""
+    report = recorded_outputs_report(ExperimentSetup(tmp_path, real=CALM, from_s=60.0, until_s=68.0))
+    (path,) = drawn(report, "4.1-path")
+    errors, speeds, outputs = drawn(report, "4.1-profiles")
+    time_s, error_x = map(np.array, lines(errors)["error in x"])
+    _, error_y = map(np.array, lines(errors)["error in y"])
+    assert (time_s[0], time_s[-1]) == pytest.approx((0.0, 8.0), abs=0.25)
+    with open_log(CALM) as log, open_log(tmp_path / "simulated" / "run.mcap") as run:
+        pos, truth, ways = log.tables["POS"], run.tables["/truth/state"], log.tables["RCOU"]
+        at_s = 1e-9 * pos.stamp_ns - 60.0
+        north_m = np.interp(time_s, at_s, 110600.0 * np.asarray(pos.values("Lat")))
+        east_m = np.interp(time_s, at_s, 110020.0 * np.asarray(pos.values("Lng")))
+        place = np.asarray(truth.values("position_ned_m"))
+        truth_s = 1e-9 * (truth.stamp_ns - truth.stamp_ns[0])
+        pulses = {number: (1e-9 * ways.stamp_ns - 60.0, np.asarray(ways.values(f"C{number}"))) for number in (1, 3)}
+    real_x, real_y = map(np.array, lines(path)["recording"])
+    assert real_x == pytest.approx(east_m - east_m[0], abs=0.05)
+    assert real_y == pytest.approx(north_m - north_m[0], abs=0.05)
+    simulated_x, simulated_y = map(np.array, lines(path)["simulation"])
+    assert np.hypot(simulated_x[0], simulated_y[0]) < 0.6  # from rest, where the recording goes at 4 m/s
+    assert simulated_x - simulated_x[0] == pytest.approx(np.interp(time_s, truth_s, place[:, 1]), abs=0.05)
+    assert simulated_y - simulated_y[0] == pytest.approx(np.interp(time_s, truth_s, place[:, 0]), abs=0.05)
+    assert error_x == pytest.approx(simulated_x - real_x)
+    assert error_y == pytest.approx(simulated_y - real_y)
+    rows = rows_of(report)
+    for axis, error in (("x", error_x), ("y", error_y)):
+        assert rows[f"IAE {axis}"].ours == pytest.approx(np.trapezoid(np.abs(error), time_s), rel=0.02, abs=0.006)
+        assert rows[f"largest error in {axis}"].ours == pytest.approx(np.abs(error).max(), abs=0.006)
+    real_s, real_mps = map(np.array, lines(speeds)["recording"])
+    assert (real_s[0], real_s[-1]) == pytest.approx((0.0, 8.0), abs=0.3)
+    way_m = np.hypot(np.diff(real_x), np.diff(real_y)).sum()
+    assert np.trapezoid(real_mps, real_s) == pytest.approx(way_m, rel=0.1)
+    simulated_s, simulated_mps = map(np.array, lines(speeds)["simulation"])
+    apart = np.interp(time_s, simulated_s, simulated_mps) - np.interp(time_s, real_s, real_mps)
+    assert rows["speeds differ by, RMS"].ours == pytest.approx(np.sqrt(np.mean(apart**2)), rel=0.1)
+    for number, (at_s, width_us) in pulses.items():
+        shown_s, shown_us = map(np.array, lines(outputs)[f"output {number}"])
+        assert shown_us == pytest.approx(width_us[np.argmin(np.abs(at_s[:, None] - shown_s), axis=0)])
+    assert report.completed
+
+
 # Section 4.2
 TIMES_S = dict(zip(section_4_2_departure.EVENTS, (12.0, 20.0, 20.5, 21.25), strict=True))
 SWELL_S = np.arange(0.0, 60.0, 0.1)
