@@ -272,6 +272,11 @@ def test_the_supply_of_the_board(vcc: np.ndarray, key: str | None, sentence: str
         assert findings[key].evidence[0].at_ns == 40 * S
 
 
+def test_a_supply_without_its_voltage_is_not_judged() -> None:
+    section = section_of(bat(), MadeTable("POWR", STAMPS, {"VServo": np.full(ROWS, 5.0)}))
+    assert (section.findings, "board_least_v" in {fact.key for fact in section.facts}) == ((), False)
+
+
 def test_flags_of_the_supply() -> None:
     flags = np.ones(ROWS, dtype=int)
     flags[20:23] = 1 | 16
