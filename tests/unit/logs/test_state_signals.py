@@ -284,6 +284,22 @@ def test_commands_of_a_run_have_names() -> None:
     }  # fmt: skip
     assert output_names(log) == {1: "propeller 0", 2: "rudder 1"}
     assert output_names(log_of(END)) == {}
+    port, rudder = driven_outputs(
+        log_of(
+            table(
+                "/actuators",
+                command=np.array([[0.5, 0.1], [0.6, 0.0]]),
+                names=["propeller 0, rudder 1"] * 2,
+                armed=[0, 1],
+            ),
+            kind="mcap",
+        ),
+        {},
+    )
+    assert (port.name, port.drives, port.arming_known, port.armed.tolist()) == ("motor 1", True, True, [False, True])
+    assert (rudder.name, rudder.drives, rudder.command.tolist(), rudder.known) == ("rudder 1", False, [0.1, 0.0], True)
+    (unarmed,) = driven_outputs(log_of(table("/actuator", command=[1]), table("RCOU", C1=[1500, 1600])), {})
+    assert (unarmed.arming_known, unarmed.armed.tolist(), unarmed.function) == (False, [True, True], None)
 
 
 @pytest.mark.parametrize(
