@@ -188,3 +188,9 @@ def test_batches_with_all_their_samples_are_whole(tables: list[MadeTable], whole
     found = read_batches(MadeLog(*tables))
     assert (len(found.whole), found.broken) == (whole, broken)
     assert read_batches(MadeLog(tables[0])).whole == ()
+
+
+def test_batches_with_columns_of_texts_are_none() -> None:
+    head, data = batches((0, 0, 64, 1000.0))
+    texts = {name: data.values(name) for name in data.columns} | {"N": np.array(["0", "0"])}
+    assert read_batches(MadeLog(head, MadeTable("ISBD", data.stamp_ns, texts))).whole == ()
