@@ -103,7 +103,8 @@ PROPELLER = DetectedFault("thrust_loss", 0, 20 * S, 40 * S, 0.456, 1.0, 500.0)
         ),
         (
             DetectedFault("reversed", 0, 20 * S, None, 1.0, 1.0, 500.0),
-            "From 0:20.0 to the end of the log the vessel answers as if output 1 (throttle port) turned against its command",
+            "From 0:20.0 to the end of the log the vessel answers as if output 1 (throttle port) turned against "
+            "its command",
             "1.00",
         ),
         (
@@ -157,8 +158,8 @@ def test_a_turn_against_the_commands_is_told_unless_a_fault_explains_it(
     assert len(found) == told
     for one in found:
         assert one.sentence == (
-            "From 0:10.0 to 0:20.0 the vessel did not answer its commands: it turned to starboard at 12 deg/s while they "
-            "were to port"
+            "From 0:10.0 to 0:20.0 the vessel did not answer its commands: it turned to starboard at 12 deg/s "
+            "while they were to port"
         )
         assert one.evidence == (Evidence("RCOU", "C1", 10 * S, 20 * S, "12 deg/s"),)
 

@@ -23,7 +23,7 @@ def ns(at_s: Any) -> np.ndarray:
 
 
 def between(from_s: float, until_s: float, inside: float, outside: float = 0.0) -> np.ndarray:
-    return np.where((AT_S >= from_s - 1e-6) & (AT_S <= until_s + 1e-6), inside, outside)
+    return np.where((from_s - 1e-6 <= AT_S) & (until_s + 1e-6 >= AT_S), inside, outside)
 
 
 def attitude(roll: Any = 0.0, pitch: Any = 0.0) -> MadeTable:
@@ -144,8 +144,10 @@ def test_tilt_and_facts() -> None:
 @pytest.mark.parametrize(
     ("kind", "parameters", "lean_deg"),
     [
-        ("copter", {}, 65.0), ("copter", {"ANGLE_MAX": 3000.0}, 50.0), ("copter", {"ATC_ANGLE_MAX": 45.0, "ANGLE_MAX": 3000.0}, 65.0),
-        ("plane", {"ROLL_LIMIT_DEG": 55.0}, 75.0), ("plane", {"LIM_ROLL_CD": 4000.0}, 60.0), ("rover", {"ANGLE_MAX": 1000.0}, 45.0),
+        ("copter", {}, 65.0), ("copter", {"ANGLE_MAX": 3000.0}, 50.0),
+        ("copter", {"ATC_ANGLE_MAX": 45.0, "ANGLE_MAX": 3000.0}, 65.0),
+        ("plane", {"ROLL_LIMIT_DEG": 55.0}, 75.0), ("plane", {"LIM_ROLL_CD": 4000.0}, 60.0),
+        ("rover", {"ANGLE_MAX": 1000.0}, 45.0),
         ("sub", {"ANGLE_MAX": 1000.0}, None),
     ],
 )  # fmt: skip

@@ -37,7 +37,7 @@ def rows(name: str, units: dict[str, str] | None = None, **columns: Any) -> Made
 
 
 def between(from_s: float, until_s: float, inside: float, outside: float) -> np.ndarray:
-    return np.where((T_S >= from_s - 1e-6) & (T_S <= until_s + 1e-6), inside, outside)
+    return np.where((from_s - 1e-6 <= T_S) & (until_s + 1e-6 >= T_S), inside, outside)
 
 
 def attitude(roll: Any, demanded: float = 1.0) -> MadeTable:

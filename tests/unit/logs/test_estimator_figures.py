@@ -134,7 +134,8 @@ def test_values_that_are_no_error_are_left_out() -> None:
 
 def gps(alt_m: float, status: int = 3) -> MadeTable:
     many = len(AT_S)
-    return MadeTable("GPS", ns(AT_S), {"Status": np.full(many, status), "Alt": np.full(many, alt_m), "Lat": np.full(many, 47.0),
+    return MadeTable("GPS", ns(AT_S), {"Status": np.full(many, status), "Alt": np.full(many, alt_m),
+    "Lat": np.full(many, 47.0),
                                        "Lng": np.full(many, 8.0)})  # fmt: skip
 
 

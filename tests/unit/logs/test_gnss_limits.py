@@ -68,7 +68,8 @@ def test_a_receiver_without_noise() -> None:
     }  # fmt: skip
     (grid,) = section.grids
     assert dict(zip(grid.columns, grid.rows[0], strict=True)) == {
-        "receiver": "GPS", "Hz": 5.0, "gaps": 0, "longest s": 0.0, "fix": "3D fix 100 %", "satellites": 14.0, "HDop": 0.8,
+        "receiver": "GPS", "Hz": 5.0, "gaps": 0, "longest s": 0.0, "fix": "3D fix 100 %", "satellites": 14.0,
+        "HDop": 0.8,
         "horizontal ± m": None, "vertical ± m": None, "speed ± m/s": None, "interval ms": None, "logged after ms": None,
     }  # fmt: skip
     assert section.lacks == ("GPS states no accuracy (GPA.HAcc).",)

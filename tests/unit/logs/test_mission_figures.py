@@ -42,7 +42,8 @@ def plan(at_s: float = 1.0, corners_m: Any = CORNERS_M, command: int = 16) -> Ma
     many = len(latitude)
     return MadeTable(
         "CMD", ns(at_s + 0.1 * np.arange(many)),
-        {"CTot": np.full(many, many), "CNum": np.arange(many), "CId": np.full(many, command), "Lat": latitude, "Lng": longitude,
+        {"CTot": np.full(many, many), "CNum": np.arange(many), "CId": np.full(many, command), "Lat": latitude,
+        "Lng": longitude,
          "Alt": np.full(many, 5.0), "Frame": np.full(many, 3)},
     )  # fmt: skip
 
@@ -204,7 +205,7 @@ def test_a_leg_begins_in_auto_while_armed() -> None:
 
 
 def test_a_mission_that_changed_under_way() -> None:
-    again = plan(80.0, CORNERS_M + [0.0, 1.0])
+    again = plan(80.0, CORNERS_M + np.array([0.0, 1.0]))
     first = plan()
     both = MadeTable(
         "CMD",

@@ -58,8 +58,8 @@ def test_the_noise_density_of_white_noise() -> None:
     (finding,) = section.findings
     assert finding.severity is Severity.OK
     assert finding.sentence == (
-        "At rest from 0:00.0 for 100 s: Allan deviations up to τ = 11 s; no speed is logged, so slow drifting would not "
-        "be visible"
+        "At rest from 0:00.0 for 100 s: Allan deviations up to τ = 11 s; no speed is logged, so slow drifting "
+        "would not be visible"
     )
 
 
@@ -134,8 +134,8 @@ def test_units_that_disagree_in_full() -> None:
     section = agreed(imu("IMU"), imu("IMU2", gyro_x=0.1, accel_z=-G - 2.0))
     gyro, accel = section.findings
     assert gyro.sentence == (
-        "The gyroscopes of IMU and IMU2 differ by 0.1 rad/s over ten seconds from 0:20.0; ArduPilot allows 0.0873 rad/s "
-        "before arming"
+        "The gyroscopes of IMU and IMU2 differ by 0.1 rad/s over ten seconds from 0:20.0; ArduPilot allows 0.0873 "
+        "rad/s before arming"
     )
     assert gyro.evidence == (Evidence("IMU", "GyrX", 20 * S, 30 * S),)
     assert accel.sentence.startswith("The accelerometers of IMU and IMU2 differ by 1 m/s² over ten seconds from 0:20.0")

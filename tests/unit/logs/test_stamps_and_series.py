@@ -203,9 +203,11 @@ def test_jitter_is_half_the_range_of_the_middle_steps() -> None:
 
 def test_moments_of_a_log_in_words() -> None:
     log = MadeLog(
-        table("ARM", [10, 30], ArmState=[1, 0]), table("MODE", [5, 20], ModeNum=[0, 10]), table("MSG", [2], Message=["ArduRover V4.5"]),
+        table("ARM", [10, 30], ArmState=[1, 0]), table("MODE", [5, 20], ModeNum=[0, 10]),
+        table("MSG", [2], Message=["ArduRover V4.5"]),
         table("CMD", [12, 13, 20], CNum=[0, 1, 0]),
-        table("PARM", [0, 0, 40, 41, 42, 43, 50, 51], Name=["A", "B", "A", "B", "A", "B", "A", "STAT_X"], Value=[1, 1, 2, 2, 3, 3, 9, 5]),
+        table("PARM", [0, 0, 40, 41, 42, 43, 50, 51], Name=["A", "B", "A", "B", "A", "B", "A", "STAT_X"],
+        Value=[1, 1, 2, 2, 3, 3, 9, 5]),
         table("FILE", [60, 61, 64], FileName=["x", "x", "x"]), table("ORGN", [7, 8, 9], Type=[0, 1, 0]),
         table("XKF1", [6, 7], A=[0, 0]), table("ERR", [70], Subsys=[16], ECode=[2]), table("EV", [71, 72], Id=[10, 62]),
         table("ATT", [0, 100], Yaw=[0, 0]),
@@ -214,7 +216,8 @@ def test_moments_of_a_log_in_words() -> None:
     assert found == [
         (0.0, 0.0, "log", "the log begins"), (5.0, 5.0, "mode", "mode MANUAL"),
         (6.0, 6.0, "estimator", "the estimator begins"), (7.0, 7.0, "estimator", "origin of the estimator set"),
-        (8.0, 8.0, "estimator", "home set"), (10.0, 10.0, "arming", "armed"), (12.0, 13.0, "mission", "mission written (2 items)"),
+        (8.0, 8.0, "estimator", "home set"), (10.0, 10.0, "arming", "armed"),
+        (12.0, 13.0, "mission", "mission written (2 items)"),
         (20.0, 20.0, "mode", "mode AUTO"), (20.0, 20.0, "mission", "mission written (1 items)"),
         (30.0, 30.0, "arming", "disarmed"), (40.0, 43.0, "parameters", "4 parameters set"),
         (50.0, 50.0, "parameters", "A set"), (60.0, 61.0, "file", "x copied into the log"),

@@ -91,7 +91,8 @@ def test_figures_of_events_and_errors() -> None:
     )
     assert {fact.key: fact.value for fact in section.facts} == {"events": 2, "errors": 2, "errors_open": 1, "texts": 1}
     assert [row[:3] for row in section.grids[0].rows] == [
-        (1.0, "MSG", ""), (5.0, "EV", ""), (6.0, "EV", ""), (30.0, "ERR", "error"), (32.0, "ERR", ""), (40.0, "ERR", "error"),
+        (1.0, "MSG", ""), (5.0, "EV", ""), (6.0, "EV", ""), (30.0, "ERR", "error"), (32.0, "ERR", ""),
+        (40.0, "ERR", "error"),
     ]  # fmt: skip
 
 
@@ -108,9 +109,11 @@ def test_levels_of_texts_have_words() -> None:
     ("text", "key", "severity"),
     [
         ("Crash: Disarming: AngErr=33", "crash", Severity.CRITICAL), ("WDG: T3 SL10", "watchdog", Severity.CRITICAL),
-        ("Internal Errors 0x100", "internal_error", Severity.CRITICAL), ("Radio Failsafe - Disarming", "radio_failsafe", Severity.WARNING),
+        ("Internal Errors 0x100", "internal_error", Severity.CRITICAL),
+        ("Radio Failsafe - Disarming", "radio_failsafe", Severity.WARNING),
         ("GCS Failsafe", "gcs_failsafe", Severity.WARNING), ("EKF Failsafe", "ekf_failsafe", Severity.WARNING),
-        ("Battery 1 is low 10.2V used 5 mAh", "battery", Severity.WARNING), ("Fence Breached", "fence", Severity.WARNING),
+        ("Battery 1 is low 10.2V used 5 mAh", "battery", Severity.WARNING),
+        ("Fence Breached", "fence", Severity.WARNING),
         ("Terrain failsafe", "failsafe", Severity.WARNING), ("EKF variance", "ekf_variance", Severity.WARNING),
         ("Potential Thrust Loss (3)", "flight", Severity.WARNING), ("GPS 1 Glitch", "sensor", Severity.WARNING),
         ("No logging: disk full", "logging", Severity.WARNING),
@@ -266,7 +269,8 @@ def parm(*rows: tuple[float, str, float, float]) -> MadeTable:
 
 def test_parameters_that_change_and_differ() -> None:
     table = parm(
-        (0, "A", 1.0, 1.0), (0, "B", 2.0, 3.0), (0, "C", 5.0, np.nan), (0, "STAT_RUNTIME", 1.0, 0.0), (20, "A", 1.5, 1.0), (30, "A", 1.5, 1.0),
+        (0, "A", 1.0, 1.0), (0, "B", 2.0, 3.0), (0, "C", 5.0, np.nan), (0, "STAT_RUNTIME", 1.0, 0.0),
+        (20, "A", 1.5, 1.0), (30, "A", 1.5, 1.0),
         (40, "B", 7.0, 3.0), (50, "STAT_RUNTIME", 9.0, 0.0),
     )  # fmt: skip
     section = told(parameters.analyse, table, armed(10.0, 90.0))

@@ -34,10 +34,13 @@ def first(rows: int, inside: float, outside: float = 3.0) -> np.ndarray:
 @pytest.mark.parametrize(
     ("level", "severity", "sentence"),
     [
-        (first(5, 60.1), Severity.WARNING, "VIBE: vibration along Z is over 60 m/s² for 1 % of the time, up to 60 m/s² at 0:25.0"),
+        (first(5, 60.1), Severity.WARNING,
+         "VIBE: vibration along Z is over 60 m/s² for 1 % of the time, up to 60 m/s² at 0:25.0"),
         (first(4, 60.1), None, ""),  # a hundredth
-        (first(5, 60.0), Severity.NOTICE, "VIBE: vibration along Z is over 30 m/s² for 1 % of the time, up to 60 m/s² at 0:25.0"),
-        (first(5, 30.1), Severity.NOTICE, "VIBE: vibration along Z is over 30 m/s² for 1 % of the time, up to 30 m/s² at 0:25.0"),
+        (first(5, 60.0), Severity.NOTICE,
+         "VIBE: vibration along Z is over 30 m/s² for 1 % of the time, up to 60 m/s² at 0:25.0"),
+        (first(5, 30.1), Severity.NOTICE,
+         "VIBE: vibration along Z is over 30 m/s² for 1 % of the time, up to 30 m/s² at 0:25.0"),
         (first(5, 30.0), None, ""),
     ],
 )  # fmt: skip
@@ -151,14 +154,16 @@ def batches(*heads: tuple[int, int, int, float], lost: int = -1) -> list[MadeTab
     many = len(heads)
     head = MadeTable(
         "ISBH", S * np.arange(many),
-        {"N": number, "type": kind, "instance": np.zeros(many, int), "mul": np.full(many, 10), "smp_cnt": count, "smp_rate": rate},
+        {"N": number, "type": kind, "instance": np.zeros(many, int), "mul": np.full(many, 10), "smp_cnt": count,
+        "smp_rate": rate},
         place=head_place,
     )  # fmt: skip
     rows = [row for at, row in enumerate(rows) if at != lost]
     numbers, seqnos, places = (np.array(each) for each in zip(*rows, strict=True))
     samples = np.arange(len(rows) * 32).reshape(-1, 32)
     data = MadeTable(
-        "ISBD", S * np.arange(len(rows)), {"N": numbers, "seqno": seqnos, "x": samples, "y": samples + 1, "z": samples + 2},
+        "ISBD", S * np.arange(len(rows)), {"N": numbers, "seqno": seqnos, "x": samples, "y": samples + 1,
+        "z": samples + 2},
         place=places,
     )  # fmt: skip
     return [head, data]
