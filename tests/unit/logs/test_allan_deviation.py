@@ -129,3 +129,67 @@ def test_bad_arguments_are_refused():
         overlapping(np.array([1.0, np.nan] * 20), 0.1)
     with pytest.raises(ValueError, match="positive"):
         overlapping(np.zeros(40), 0.0)
+
+
+def curve_of(tau_s, deviation, error=1e-3):
+    return AllanCurve(np.asarray(tau_s, dtype=float), np.asarray(deviation, dtype=float), np.full(len(tau_s), error))
+
+
+def test_a_coarse_curve_is_read_by_its_neighbours():
+    """No other point is within a quarter of a decade."""
+    tau_s = np.array([1.0, 4.0, 16.0, 64.0])
+    white, walk = (
+        white_noise_density(curve_of(tau_s, 2.0 * tau_s**-0.5)),
+        random_walk(curve_of(tau_s, 2.0 * tau_s**0.5)),
+    )
+    assert white is not None
+    assert walk is not None
+    assert (white.value, white.from_tau_s, white.relative_error) == (pytest.approx(2.0), 1.0, pytest.approx(1e-3))
+    assert walk.value == pytest.approx(2.0 * math.sqrt(3.0))
+    assert white_noise_density(curve_of(tau_s[:3], tau_s[:3] ** -0.5)) is None
+
+
+def test_the_widest_part_with_a_slope_is_read():
+    tau_s = np.geomspace(1.0, 1e5, 51)
+    flat = np.where(
+        tau_s < 10.0, tau_s**-0.5, np.where(tau_s < 100.0, 10.0**-0.5, 10.0**-0.5 * (tau_s / 100.0) ** -0.5)
+    )
+    found = white_noise_density(curve_of(tau_s, flat))
+    assert found is not None
+    assert found.from_tau_s == pytest.approx(100.0, rel=0.3)
+    assert found.value == pytest.approx(10.0**0.5, rel=0.02)
+
+
+@pytest.mark.parametrize(("decades", "read"), [(0.55, True), (0.45, False)])
+def test_a_slope_must_hold_over_half_a_decade(decades, read):
+    tau_s = np.geomspace(1.0, 10.0**decades, 8)
+    assert (white_noise_density(curve_of(tau_s, tau_s**-0.5)) is not None) is read
+
+
+@pytest.mark.parametrize(
+    ("slope", "read"), [(-0.5, True), (-0.64, True), (-0.36, True), (-0.66, False), (-0.34, False)]
+)
+def test_a_slope_may_be_off_by_a_small_part(slope, read):
+    tau_s = np.geomspace(1.0, 100.0, 21)
+    assert (white_noise_density(curve_of(tau_s, tau_s**slope)) is not None) is read
+
+
+def test_the_floor_is_the_lowest_point_with_its_bound():
+    deviation = [8.0, 4.0, 2.0, 2.1, 2.5, 2.6]
+    tau_s = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0]
+    found = bias_instability(curve_of(tau_s, deviation, 0.1))
+    assert found is not None
+    assert (found.value, found.relative_error, found.from_tau_s, found.bound) == (
+        pytest.approx(2.0 / FLAT),
+        0.1,
+        4.0,
+        False,
+    )
+    wide = bias_instability(curve_of(tau_s, deviation, 0.26))  # one point beyond 2.52 alone
+    assert wide is not None
+    assert wide.bound
+    assert bias_instability(curve_of(tau_s[:2], deviation[:2])) is None
+    assert bias_instability(curve_of(tau_s, sorted(deviation))) is None
+    zeros = bias_instability(curve_of(tau_s, [0.0, 4.0, 2.0, 2.5, 2.6, 0.0]))
+    assert zeros is not None
+    assert zeros.from_tau_s == 4.0

@@ -62,11 +62,11 @@ def test_a_clock_that_repeats_or_goes_back_is_left_out() -> None:
 
 def test_groups_are_thinned_to_their_best_reading() -> None:
     first = np.arange(9)
-    late = readings(first, first + [5, 3, 4, 9, 9, 8, 1, 2, 3], late=True)
+    late = readings(first, first + np.array([5, 3, 4, 9, 9, 8, 1, 2, 3]), late=True)
     assert late.thinned(3).first_ns.tolist() == [1, 5, 6]  # the least delayed
     exchange = readings(first, first + 10, floor_ns=10 - np.array([5, 3, 4, 9, 9, 8, 1, 2, 3]), late=True)
     assert exchange.thinned(3).first_ns.tolist() == [1, 5, 6]  # the shortest round trip
-    both = readings(first, first + [5, 3, 4, 9, 7, 8, 1, 2, 3])
+    both = readings(first, first + np.array([5, 3, 4, 9, 7, 8, 1, 2, 3]))
     assert both.thinned(3).first_ns.tolist() == [2, 5, 7]  # the middle offset
     assert late.thinned(9) is late
     assert len(late.thinned(8)) == 8
@@ -195,7 +195,8 @@ def booted(name: str, boot_ms: Any, system: Any = 1, place: Any = None) -> MadeT
 
 def test_the_boot_clock_is_that_of_all_messages_of_a_system_in_the_order_of_the_file() -> None:
     log = MadeLog(
-        booted("ATTITUDE", [0, 200, 400], place=[0, 2, 4]), booted("RC_CHANNELS", [100, 300, 500], [1, 1, 2], [1, 3, 5]),
+        booted("ATTITUDE", [0, 200, 400], place=[0, 2, 4]), booted("RC_CHANNELS", [100, 300, 500], [1, 1, 2],
+        [1, 3, 5]),
         booted("SYSTEM_TIME", [600], place=[6]), kind="tlog", base="utc",
     )  # fmt: skip
     every = found(log)

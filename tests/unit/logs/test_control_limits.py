@@ -37,7 +37,7 @@ def rows(name: str, units: dict[str, str] | None = None, **columns: Any) -> Made
 
 
 def between(from_s: float, until_s: float, inside: float, outside: float) -> np.ndarray:
-    return np.where((T_S >= from_s - 1e-6) & (T_S <= until_s + 1e-6), inside, outside)
+    return np.where((from_s - 1e-6 <= T_S) & (until_s + 1e-6 >= T_S), inside, outside)
 
 
 def attitude(roll: Any, demanded: float = 1.0) -> MadeTable:
@@ -197,6 +197,12 @@ def test_what_a_rover_does_not_log_is_lacking() -> None:
     assert analysed(COPTER, attitude(1.0)).lacks == ()
 
 
+def test_a_setpoint_that_is_0_throughout_is_none() -> None:
+    section = analysed(ROVER, speed(2.0), turning(3.0, 0.0))
+    assert [plot.key for plot in section.plots] == ["tracking.speed"]
+    assert section.lacks[0].startswith("No demanded turn rate is logged")
+
+
 # Responses
 
 
@@ -260,7 +266,7 @@ def test_a_response_that_never_arrives_has_no_rise_and_does_not_settle() -> None
     demanded = np.where(T_S < 20.0, 1.0, 3.0)
     (step,) = step_responses(STAMPS, demanded, np.where(T_S < 20.0, 1.0, 2.7), 1.0)
     assert (step.rise_s, step.settled_s, step.overshoot_percent) == (None, None, 0.0)
-    (late,) = step_responses(STAMPS, demanded, np.where(T_S < 41.0, 1.0, 3.0), 1.0)  # after twenty seconds
+    (late,) = step_responses(STAMPS, demanded, np.where(T_S < 40.5, 1.0, 3.0), 1.0)  # after twenty seconds
     assert (late.rise_s, late.settled_s) == (None, None)
     assert step_responses(STAMPS, demanded, np.full(1200, 2.5), 1.0) == []  # it was there already
 

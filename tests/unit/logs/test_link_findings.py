@@ -1,4 +1,4 @@
-"""Links: counts of both ends, sequence numbers, and what an autopilot logs of its ports, on either side of each limit."""
+"""Links: counts of both ends, sequence numbers, and an autopilot's log of its ports, on either side of each limit."""
 
 from __future__ import annotations
 

@@ -317,7 +317,8 @@ def simulated(offsets_m: Any, receiver_m: Any, speed_mps: Any, course_deg: Any, 
     gps = geodetic(receiver_m)
     return log_of(
         table("SIM", **geodetic(offsets_m), Yaw=np.zeros(many)),
-        table("GPS", Status=[status] * many, Spd=np.broadcast_to(speed_mps, many), GCrs=np.broadcast_to(course_deg, many), **gps),
+        table("GPS", Status=[status] * many, Spd=np.broadcast_to(speed_mps, many),
+        GCrs=np.broadcast_to(course_deg, many), **gps),
     )  # fmt: skip
 
 

@@ -75,7 +75,8 @@ def test_batteries_of_telemetry() -> None:
     cells = np.array([[4000, 4100, 65535], [65535, 65535, 65535], [3900, 65535, 65534]])
     status = MadeTable(
         "BATTERY_STATUS", [1, 2, 3],
-        {"voltages": cells, "current_battery": [-1, 250, 0], "current_consumed": [-1, 70, 0], "battery_remaining": [-1, 0, 99]},
+        {"voltages": cells, "current_battery": [-1, 250, 0], "current_consumed": [-1, 70, 0],
+        "battery_remaining": [-1, 0, 99]},
     )  # fmt: skip
     (one,) = batteries(MadeLog(status, kind="tlog"))
     np.testing.assert_allclose(one.voltage_v, [8.1, np.nan, 69.434])
@@ -109,7 +110,8 @@ LEVELS = {"BATT_LOW_VOLT": 10.5, "BATT_CRT_VOLT": 10.0, "BATT_LOW_TIMER": 10.0}
             at(40, 50, 9.9), Severity.CRITICAL,
             "BAT was under its critical level of 10.00 V for 10.0 s from 0:40.0, down to 9.90 V",
         ),
-        (at(40, 50, 10.0), Severity.WARNING, "BAT was under its low level of 10.50 V for 10.0 s from 0:40.0, down to 10.00 V"),
+        (at(40, 50, 10.0), Severity.WARNING,
+         "BAT was under its low level of 10.50 V for 10.0 s from 0:40.0, down to 10.00 V"),
         (at(40, 50, 10.5), None, ""),
         (at(40, 50, 0.0), None, ""),
     ],
@@ -270,6 +272,11 @@ def test_the_supply_of_the_board(vcc: np.ndarray, key: str | None, sentence: str
     assert {key: one.sentence for key, one in findings.items()} == ({key: sentence} if key else {})
     if key:
         assert findings[key].evidence[0].at_ns == 40 * S
+
+
+def test_a_supply_without_its_voltage_is_not_judged() -> None:
+    section = section_of(bat(), MadeTable("POWR", STAMPS, {"VServo": np.full(ROWS, 5.0)}))
+    assert (section.findings, "board_least_v" in {fact.key for fact in section.facts}) == ((), False)
 
 
 def test_flags_of_the_supply() -> None:

@@ -28,7 +28,8 @@ def table(name: str, rows: int = 3, instance: str | None = None, **columns: Any)
 def test_a_receiver_of_ardupilot() -> None:
     gps = table(
         "GPS", 5, I=0, Status=[1, 3, 3, 6, 3], NSats=[0, 9, 255, 12, 10], HDop=[99.9, 0.8, 0.7, 0.6, 0.7],
-        Lat=[0.0, 47.0, 91.0, 47.1, 47.2], Lng=[0.0, 8.0, 8.0, -181.0, 8.2], Spd=2.0, GCrs=[0.0, 90.0, 180.0, 270.0, 30.0],
+        Lat=[0.0, 47.0, 91.0, 47.1, 47.2], Lng=[0.0, 8.0, 8.0, -181.0, 8.2], Spd=2.0,
+        GCrs=[0.0, 90.0, 180.0, 270.0, 30.0],
         VZ=[0.1, 0.2, 0.3, 0.4, 0.5], GWk=2300, GMS=[1, 2, 3, 4, 5], instance="I",
     )  # fmt: skip
     gpa = table("GPA", 5, I=0, HAcc=[9.0, 1.0, 1.1, 1.2, 1.3], VAcc=0.0, SAcc=0.2, SMS=[1, 2, 3, 4, 5], Delta=200,

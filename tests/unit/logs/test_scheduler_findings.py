@@ -252,7 +252,8 @@ def test_missed_deadlines_by_their_share(
 ) -> None:
     (finding,) = run_section(totals(("LC", "main", cycles, missed, skipped))).findings
     assert finding.sentence == (
-        f"{missed} deadlines of LC were missed ({share}: main {missed} of {cycles + skipped}), {skipped} of them skipped"
+        f"{missed} deadlines of LC were missed ({share}: main {missed} of {cycles + skipped}), {skipped} of them "
+        "skipped"
     )
     assert finding.severity is severity
     assert finding.evidence == (Evidence("/tasks", "missed"),)
@@ -260,7 +261,8 @@ def test_missed_deadlines_by_their_share(
 
 def test_all_tasks_of_a_node_are_one_finding_with_the_worst_deadline() -> None:
     section = run_section(
-        totals(("LC", "main", 1000, 2, 0), ("LC", "log", 100, 1, 1), ("PS1", "physics", 4000, 1, 0), ("LC", "x", 9, 0, 0)),
+        totals(("LC", "main", 1000, 2, 0), ("LC", "log", 100, 1, 1), ("PS1", "physics", 4000, 1, 0),
+        ("LC", "x", 9, 0, 0)),
         misses(
             ("LC", "main", 5.0, 5.03, 5.04, 0), ("LC", "log", 7.0, 7.02, 7.05, 1), ("LC", "main", 8.0, 8.01, 8.015, 0),
             ("PS1", "physics", 9.0, 9.1, 9.1, 0),

@@ -42,7 +42,8 @@ def unit_of(*tables: MadeTable, kind: Any = "dataflash") -> InertialUnit:
 def test_an_inertial_unit_of_ardupilot() -> None:
     unit = unit_of(
         table(
-            "IMU", GyrX=[1.0, NAN, 3.0], GyrY=4.0, GyrZ=5.0, AccX=6.0, AccY=7.0, AccZ=[8.0, 9.0, np.inf], T=[20.0, 21.0, 22.0],
+            "IMU", GyrX=[1.0, NAN, 3.0], GyrY=4.0, GyrZ=5.0, AccX=6.0, AccY=7.0, AccZ=[8.0, 9.0, np.inf],
+            T=[20.0, 21.0, 22.0],
             GH=[1, 1, 0], AH=[1, 0, 1], GHz=[0, 400, 402], AHz=[NAN, 0, 0], SampleUS=[0, 1_000_001, 2_000_003],
         )
     )  # fmt: skip
@@ -63,7 +64,7 @@ def test_an_inertial_unit_of_ardupilot() -> None:
 def mavlink(name: str, unit: str = "") -> MadeTable:
     columns = {f"{axis}{sort}": 1000.0 for sort in ("gyro", "acc") for axis in "xyz"}
     return table(
-        name, units={key: unit for key in columns} if unit else None, temperature=[0, 2500, 2600], **columns
+        name, units=dict.fromkeys(columns, unit) if unit else None, temperature=[0, 2500, 2600], **columns
     )  # fmt: skip
 
 
@@ -99,7 +100,7 @@ def test_vectors_and_single_sensors() -> None:
 
 
 def test_a_unit_has_three_rows_and_a_value() -> None:
-    zero = {name: 0.0 for name in ("GX", "GY", "GZ", "AX", "AY", "AZ")}
+    zero = dict.fromkeys(("GX", "GY", "GZ", "AX", "AY", "AZ"), 0.0)
     assert inertial_units(MadeLog(table("A", **zero))) == []
     assert inertial_units(MadeLog(table("A", rows=2, **{**zero, "AZ": G}))) == []
     assert len(inertial_units(MadeLog(table("A", **{**zero, "AZ": [0.0, NAN, G]})))) == 1

@@ -11,8 +11,8 @@ from made_log import MadeLog, MadeTable
 import xitl_cli.logs.signals as signals
 from xitl_cli.logs.signals.missions import mission_rows, mission_versions
 from xitl_cli.logs.signals.states import (
-    arming_known,
     armed_rows,
+    arming_known,
     autopilot_heartbeats,
     autopilot_messages,
     error_rows,
@@ -67,7 +67,8 @@ def spans(log: MadeLog, read: Any = signals.armed) -> list[tuple[float, float, s
         (table("STAT", [0, 10, 30], Armed=[0, 1, 0]), "dataflash", [(10, 30)]),
         (table("/actuators", [0, 10, 30], armed=[0, 1, 0]), "mcap", [(10, 30)]),
         (
-            table("HEARTBEAT", [0, 10, 30], autopilot=[3] * 3, type=[11] * 3, custom_mode=[0] * 3, base_mode=[1, 129, 81]),
+            table("HEARTBEAT", [0, 10, 30], autopilot=[3] * 3, type=[11] * 3, custom_mode=[0] * 3,
+            base_mode=[1, 129, 81]),
             "tlog", [(10, 30)],
         ),
         (table("vehicle_status", [0, 10, 30], arming_state=[1, 2, 1]), "ulog", [(10, 30)]),
@@ -258,7 +259,8 @@ def test_the_rows_of_the_core_in_use() -> None:
 
 def test_pulses_by_channel() -> None:
     log = log_of(
-        table("RCOU", C1=[1500, 1600], C3=[0, 0], Chan10=[1100, 1100], X=[1, 1]), table("RCO2", C3=[1200, 1300], C1=[9, 9]),
+        table("RCOU", C1=[1500, 1600], C3=[0, 0], Chan10=[1100, 1100], X=[1, 1]),
+        table("RCO2", C3=[1200, 1300], C1=[9, 9]),
         table("RCIN", C2=[1400, 1401]), table("RC_CHANNELS", chan2_raw=[1, 1], chan5_raw=[1700, 1701]),
     )  # fmt: skip
     found = signals.outputs(log)
@@ -284,6 +286,22 @@ def test_commands_of_a_run_have_names() -> None:
     }  # fmt: skip
     assert output_names(log) == {1: "propeller 0", 2: "rudder 1"}
     assert output_names(log_of(END)) == {}
+    port, rudder = driven_outputs(
+        log_of(
+            table(
+                "/actuators",
+                command=np.array([[0.5, 0.1], [0.6, 0.0]]),
+                names=["propeller 0, rudder 1"] * 2,
+                armed=[0, 1],
+            ),
+            kind="mcap",
+        ),
+        {},
+    )
+    assert (port.name, port.drives, port.arming_known, port.armed.tolist()) == ("motor 1", True, True, [False, True])
+    assert (rudder.name, rudder.drives, rudder.command.tolist(), rudder.known) == ("rudder 1", False, [0.1, 0.0], True)
+    (unarmed,) = driven_outputs(log_of(table("/actuator", command=[1]), table("RCOU", C1=[1500, 1600])), {})
+    assert (unarmed.arming_known, unarmed.armed.tolist(), unarmed.function) == (False, [True, True], None)
 
 
 @pytest.mark.parametrize(
@@ -313,7 +331,8 @@ def driven(
     names = {"rover": "ArduRover V4", "copter": "ArduCopter V4", "plane": "ArduPlane V4"}
     rows = len(pulses[0])
     log = log_of(
-        table("RCOU", [10 + row for row in range(rows)], **{f"C{channel}": value for channel, value in enumerate(pulses, 1)}),
+        table("RCOU", [10 + row for row in range(rows)], **{f"C{channel}": value for channel,
+        value in enumerate(pulses, 1)}),
         table("MSG", Message=[names[kind]]), *([table("ARM", [0, 50], ArmState=[1, 0])] if armed else []), END,
     )  # fmt: skip
     return {output.channel: output for output in driven_outputs(log, parameters)}

@@ -113,8 +113,10 @@ def test_names() -> None:
 @pytest.mark.parametrize(
     ("value", "name", "text"),
     [
-        (None, "", "–"), (True, "", "yes"), (False, "", "no"), (1_234_567_890, "", "1234567890"), (1.23456789, "", "1.23457"),
-        (-0.0, "", "0"), (999_999.4, "", "999999"), (1e6, "", "1000000"), (1_234_567.8, "", "1234568"), (-1.5e6, "", "-1500000"),
+        (None, "", "–"), (True, "", "yes"), (False, "", "no"), (1_234_567_890, "", "1234567890"),
+        (1.23456789, "", "1.23457"),
+        (-0.0, "", "0"), (999_999.4, "", "999999"), (1e6, "", "1000000"), (1_234_567.8, "", "1234568"),
+        (-1.5e6, "", "-1500000"),
         (1e15, "", "1e+15"), (47.123456789, "Latitude", "47.1234568"), (8.5, "longitude (deg)", "8.5000000"),
         (math.inf, "", "–"), (math.nan, "", "–"), (" a\n b ", "", "a b"),
     ],
@@ -180,7 +182,8 @@ def test_every_loss_has_a_sentence() -> None:
     ("changed", "degraded"),
     [
         ({"damaged": 1}, True), ({"lost_bytes": 1}, True), ({"suspect": 1}, True), ({"truncated_bytes": 1}, True),
-        ({"unclosed": True}, True), ({"replaced_stamps": 1}, True), ({"gaps": ("a",)}, True), ({"back_in_time": 1}, False),
+        ({"unclosed": True}, True), ({"replaced_stamps": 1}, True), ({"gaps": ("a",)}, True),
+        ({"back_in_time": 1}, False),
         ({"redefined": 1}, False), ({"undecoded": {"X": (1, "y")}}, False),
     ],
 )  # fmt: skip
@@ -353,7 +356,8 @@ def test_a_summary_on_a_terminal() -> None:
     from xitl_cli.logs.summary import MessageSummary
 
     columns = tuple(Column(f"Field{number}", "m", shape=(3,) if number == 1 else ()) for number in range(8))
-    about = (Fact("vehicle", "Vehicle", "rover"), Fact("firmware", "", "ArduRover V4.5.7"), Fact("firmware_version", "", "4.5.7"),
+    about = (Fact("vehicle", "Vehicle", "rover"), Fact("firmware", "", "ArduRover V4.5.7"),
+    Fact("firmware_version", "", "4.5.7"),
              Fact("board", "", "SITL"))  # fmt: skip
     messages = (
         MessageSummary("IMU", 12_000, 1234.5, 2, columns), MessageSummary("B", 1, None, None, ()),

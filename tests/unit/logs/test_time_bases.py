@@ -362,7 +362,8 @@ def test_residuals_windows_and_steps_are_drawn() -> None:
     made = relation(
         piece(0.0, 40.0), piece(40.0, 70.0), piece(70.0, 100.0), steps=(step(40.0, 0.25), step(70.0, 0.0)),
         residual_s=residual_s, window_ns=np.array([5, 15, 200], dtype=np.int64) * SECOND,
-        window_ppm=np.array([1.0, 2.0, 3.0]), window_s=9.6, key="gps", at_ns=np.arange(101, dtype=np.int64) * SECOND + 7,
+        window_ppm=np.array([1.0, 2.0, 3.0]), window_s=9.6, key="gps",
+        at_ns=np.arange(101, dtype=np.int64) * SECOND + 7,
     )  # fmt: skip
     residual, rate, allan = pairs(made, relation(piece(0.0, 100.0))).plots  # a pair without residuals is not drawn
     assert [trace.name for trace in allan.traces] == ["B against A"]
@@ -474,7 +475,9 @@ def test_the_slope_and_its_variation_are_those_of_least_squares() -> None:
     stamps_us = np.cumsum(rng.integers(9_000, 11_000, 500))
     (row,) = rows_of(MadeLog(messages("ATT", stamps_us)))
     number, clock_us = np.arange(500.0), stamps_us - stamps_us[0]
-    parts = [np.polyfit(*part, 1)[0] for part in zip(np.array_split(number, 10), np.array_split(clock_us, 10))]
+    parts = [
+        np.polyfit(*part, 1)[0] for part in zip(np.array_split(number, 10), np.array_split(clock_us, 10), strict=False)
+    ]
     assert row["ms a sample"] == pytest.approx(np.polyfit(number, clock_us, 1)[0] * 1e-3, abs=1e-6)
     assert row["parts vary by (us)"] == pytest.approx(np.std(parts, ddof=1), abs=1e-3)
     assert row["steps scatter by (us)"] == pytest.approx(np.std(np.diff(stamps_us)), abs=0.1)

@@ -185,6 +185,43 @@ def test_stamps_that_are_strange_and_true_are_kept(tmp_path: Path, seconds: list
         assert log.health.replaced_stamps == 0
 
 
+@pytest.mark.parametrize(
+    ("seconds", "read"),
+    [
+        ([0, 1, 63, 3, 4], [0, 1, 63, 3, 4]),  # a minute from the median of the five, which is 3 s
+        ([0, 1, 63.001, 3, 4], [0, 1, 1, 3, 4]),
+        ([0, 1, 2, 64.001, 4, 5, 6, 7], [0, 1, 2, 2, 4, 5, 6, 7]),
+        ([0, 86_399, 86_400, 86_401, 86_402], [0, 86_399, 86_400, 86_401, 86_402]),  # a day, in order
+        ([0, 86_400, 86_401, 86_402, 86_403], [86_400, 86_400, 86_401, 86_402, 86_403]),
+        ([0, 1, 2, 3, 100_000], [0, 1, 2, 3, 3]),
+        ([0, 1, 2, 100_000], [0, 1, 2, 100_000]),  # four stamps cannot outvote one
+    ],
+)
+def test_a_stamp_is_strange_by_a_minute_out_of_order_or_by_a_day(
+    tmp_path: Path, seconds: list[float], read: list[float]
+) -> None:
+    draw = random.Random(0)
+    stamps = [START_US + round(second * 1e6) for second in seconds]
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(b"".join(record(at, frame(draw, dialect.MAVLINK_MSG_ID_ATTITUDE)) for at in stamps))
+    with TelemetryLog(path) as log:
+        assert ((log.tables["ATTITUDE"].stamp_ns // 1000 - START_US) / 1e6).tolist() == read
+        assert log.health.replaced_stamps == sum(a != b for a, b in zip(seconds, read, strict=True))
+
+
+def test_the_first_and_last_year_of_the_century(tmp_path: Path) -> None:
+    draw = random.Random(0)
+    framed = frame(draw, dialect.MAVLINK_MSG_ID_ATTITUDE)
+    path = tmp_path / "flight.tlog"
+    for at_us, base in (
+        (978_307_199_999_999, "unknown"), (978_307_200_000_000, "utc"), (4_102_444_800_000_000, "utc"),
+        (4_102_444_800_000_001, "unknown"),
+    ):  # fmt: skip
+        path.write_bytes(record(at_us, framed))
+        with TelemetryLog(path) as log:
+            assert log.base == base
+
+
 def test_time_that_goes_back_is_kept_and_counted(tmp_path: Path) -> None:
     draw = random.Random(0)
     stamps = [START_US, START_US + 100, START_US + 50, START_US + 60]

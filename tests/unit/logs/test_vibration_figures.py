@@ -34,10 +34,13 @@ def first(rows: int, inside: float, outside: float = 3.0) -> np.ndarray:
 @pytest.mark.parametrize(
     ("level", "severity", "sentence"),
     [
-        (first(5, 60.1), Severity.WARNING, "VIBE: vibration along Z is over 60 m/s² for 1 % of the time, up to 60 m/s² at 0:25.0"),
+        (first(5, 60.1), Severity.WARNING,
+         "VIBE: vibration along Z is over 60 m/s² for 1 % of the time, up to 60 m/s² at 0:25.0"),
         (first(4, 60.1), None, ""),  # a hundredth
-        (first(5, 60.0), Severity.NOTICE, "VIBE: vibration along Z is over 30 m/s² for 1 % of the time, up to 60 m/s² at 0:25.0"),
-        (first(5, 30.1), Severity.NOTICE, "VIBE: vibration along Z is over 30 m/s² for 1 % of the time, up to 30 m/s² at 0:25.0"),
+        (first(5, 60.0), Severity.NOTICE,
+         "VIBE: vibration along Z is over 30 m/s² for 1 % of the time, up to 60 m/s² at 0:25.0"),
+        (first(5, 30.1), Severity.NOTICE,
+         "VIBE: vibration along Z is over 30 m/s² for 1 % of the time, up to 30 m/s² at 0:25.0"),
         (first(5, 30.0), None, ""),
     ],
 )  # fmt: skip
@@ -151,14 +154,16 @@ def batches(*heads: tuple[int, int, int, float], lost: int = -1) -> list[MadeTab
     many = len(heads)
     head = MadeTable(
         "ISBH", S * np.arange(many),
-        {"N": number, "type": kind, "instance": np.zeros(many, int), "mul": np.full(many, 10), "smp_cnt": count, "smp_rate": rate},
+        {"N": number, "type": kind, "instance": np.zeros(many, int), "mul": np.full(many, 10), "smp_cnt": count,
+        "smp_rate": rate},
         place=head_place,
     )  # fmt: skip
     rows = [row for at, row in enumerate(rows) if at != lost]
     numbers, seqnos, places = (np.array(each) for each in zip(*rows, strict=True))
     samples = np.arange(len(rows) * 32).reshape(-1, 32)
     data = MadeTable(
-        "ISBD", S * np.arange(len(rows)), {"N": numbers, "seqno": seqnos, "x": samples, "y": samples + 1, "z": samples + 2},
+        "ISBD", S * np.arange(len(rows)), {"N": numbers, "seqno": seqnos, "x": samples, "y": samples + 1,
+        "z": samples + 2},
         place=places,
     )  # fmt: skip
     return [head, data]
@@ -188,3 +193,9 @@ def test_batches_with_all_their_samples_are_whole(tables: list[MadeTable], whole
     found = read_batches(MadeLog(*tables))
     assert (len(found.whole), found.broken) == (whole, broken)
     assert read_batches(MadeLog(tables[0])).whole == ()
+
+
+def test_batches_with_columns_of_texts_are_none() -> None:
+    head, data = batches((0, 0, 64, 1000.0))
+    texts = {name: data.values(name) for name in data.columns} | {"N": np.array(["0", "0"])}
+    assert read_batches(MadeLog(head, MadeTable("ISBD", data.stamp_ns, texts))).whole == ()

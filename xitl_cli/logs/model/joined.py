@@ -60,8 +60,9 @@ class JoinedTable(Table):
             blocks.append(part.values(column, mine, raw=raw))
             first += len(part)
         if described.shape == (-1,):
-            width = max(block.shape[1] if block.ndim > 1 else 1 for block in blocks)
-            blocks = [_padded(block.reshape(len(block), -1), width) for block in blocks]
+            blocks = [block if block.ndim > 1 else block[:, None] for block in blocks]
+            width = max(block.shape[1] for block in blocks)
+            blocks = [_padded(block, width) for block in blocks]
         return np.concatenate(blocks)[order]
 
 
