@@ -167,7 +167,7 @@ def test_a_mode_is_asked_for_six_times_every_half_second_and_then_given_up() -> 
     asked += 1
     while helm.output.refused == 0:
         asked += len(helm.update(IN_THE_WAY, 500))
-    assert asked == 6
+    assert (asked, helm.output.refused) == (6, 1)
     assert helm.update(IN_THE_WAY) == []
     assert asks_for(helm.update(IN_THE_WAY), GUIDED), "it begins anew"
 
@@ -275,6 +275,13 @@ def test_a_stop_holds_its_place_and_is_counted_once() -> None:
     assert first.type_mask == second.type_mask == 0xDF8
     assert (first.x, first.y) == (second.x, second.y)
     assert (first.vx, first.vy, first.yaw) == (0.0, 0.0, 0.0)
+    helm.pose = pose(0.9 * TUNED.moved_m, 0.0, 0.0, (0.3, 0.0))
+    (third,) = helm.update(wall)
+    assert (third.x, third.y) == (first.x, first.y), "it comes to rest a little farther"
+    helm.pose = pose(1.1 * TUNED.moved_m, 0.0, 0.0, (0.3, 0.0))
+    (fourth,) = helm.update(wall)
+    assert (fourth.x, fourth.y) == pytest.approx((first.x + 1.1 * TUNED.moved_m, first.y))
+    assert helm.output.stops == 1
 
 
 def item(command: int, lat_e7: int = 0, lon_e7: int = 0, speed_mps: float = 0.0) -> MissionCopyItem:
