@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import errno
+import os
+import termios
+import tty
 from collections import deque
+from collections.abc import Iterator
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
@@ -12,7 +17,7 @@ import can
 import pytest
 
 from agent.wire import can_bus, dialect
-from agent.wire.can_bus import CanAdapter, CanSettings, CanTransport, read_can_settings
+from agent.wire.can_bus import CanAdapter, CanSettings, CanTransport, SlcanPort, read_can_settings
 from agent.wire.can_transfer import NORMAL, URGENT, Segmenter
 from agent.wire.codec import Packer
 from agent.wire.transport import (
@@ -333,3 +338,80 @@ def test_an_slcan_adapter_with_can_fd_has_a_timing_of_its_two_rates() -> None:
     assert arguments == {"timeout": 0.0}
     assert (timing.f_clock, timing.nom_bitrate, timing.data_bitrate) == (80_000_000, 500_000, 2_000_000)
     assert (timing.nom_sample_point, timing.data_sample_point) == pytest.approx((80.0, 80.0))
+
+
+class Adapter:
+    """An slcan adapter on a pseudo-terminal, whose other end is the test."""
+
+    def __init__(self) -> None:
+        self.far, near = os.openpty()
+        tty.setraw(near)
+        os.set_blocking(near, False)
+        self.descriptor = near
+        self.emptied = self.closed = 0
+
+    def fileno(self) -> int:
+        return self.descriptor
+
+    def reset_input_buffer(self) -> None:
+        self.emptied += 1
+
+    def close(self) -> None:
+        self.closed += 1
+        os.close(self.descriptor)
+        os.close(self.far)
+
+
+@pytest.fixture
+def adapter() -> Iterator[Adapter]:
+    made = Adapter()
+    yield made
+    if not made.closed:
+        made.close()
+
+
+def test_an_slcan_port_reads_what_came_in_pieces(adapter: Adapter) -> None:
+    port = SlcanPort(adapter)
+    assert (port.fileno(), port.write_timeout) == (adapter.descriptor, None)
+    assert (port.in_waiting, port.has_input()) == (0, False)
+    os.write(adapter.far, b"t1231A\rz")
+    assert port.in_waiting == 8
+    assert (port.read(), port.read(4), port.has_input()) == (b"t", b"1231", True)
+    os.write(adapter.far, b"next")
+    assert port.in_waiting == 3, "the first piece is read to its end"
+    assert (port.read(3), port.has_input()) == (b"A\rz", False)
+    assert port.in_waiting == 4
+    port.reset_input_buffer()
+    assert (port.has_input(), port.in_waiting, adapter.emptied) == (False, 0, 1)
+    attributes = termios.tcgetattr(adapter.descriptor)
+    assert attributes[6][termios.VMIN] in (1, b"\x01")
+    port.close()
+    assert adapter.closed == 1
+
+
+def test_an_slcan_port_keeps_what_the_adapter_does_not_take(adapter: Adapter) -> None:
+    port = SlcanPort(adapter)
+    line, written = bytes(range(97, 123)) * 4000, 0
+    assert port.has_room()
+    assert port.write(line) == len(line)
+    assert not port.has_room()
+    read = b""
+    while not port.has_room():
+        read += os.read(adapter.far, 65536)
+        written += 1
+    os.set_blocking(adapter.far, False)
+    with suppress(BlockingIOError):
+        while True:
+            read += os.read(adapter.far, 65536)
+    assert read == line
+    assert written > 1
+    port.flush()
+
+
+def test_an_slcan_adapter_that_is_gone_is_an_error(adapter: Adapter) -> None:
+    port = SlcanPort(adapter)
+    os.close(adapter.far)
+    with pytest.raises(OSError, match=r"Input/output error|\[Errno"):
+        _ = port.in_waiting
+    os.close(adapter.descriptor)
+    adapter.closed = 1

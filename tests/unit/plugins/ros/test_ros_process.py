@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.patience import PATIENCE_S
 from xitl_cli.errors import UserError
 from xitl_cli.pipe import Pipe, PipeClosedError
 from xitl_cli.plugins.ros import process
@@ -80,7 +81,7 @@ class Ends:
             self.run.send(message)
         self.run.send(RosEnd())
         self.bridge.run([])
-        return self.run.receive(5.0)
+        return self.run.receive(PATIENCE_S)
 
     def close(self) -> None:
         self.run.close()
@@ -156,7 +157,8 @@ def test_the_newest_clock_is_sent_again_and_not_counted(ends: Ends) -> None:
     assert last["counts"]["published"]["/clock"] == 2
 
 
-def test_a_request_waits_for_the_answer_of_the_run(ends: Ends) -> None:
+def test_a_request_waits_for_the_answer_of_the_run(ends: Ends, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "ANSWER_S", PATIENCE_S)
     refusals: list[str | None] = []
     asking = [threading.Thread(target=lambda: refusals.append(ends.bridge.ask({"action": "arm"}))) for _ in range(2)]
     running = threading.Thread(target=ends.bridge.run, args=([],))
@@ -165,14 +167,14 @@ def test_a_request_waits_for_the_answer_of_the_run(ends: Ends) -> None:
         thread.start()
         sent: list[Any] = []
         while not (asked := [one for one in sent if "action" in one]):
-            sent += ends.run.receive(5.0)
+            sent += ends.run.receive(PATIENCE_S)
         assert asked == [{"action": {"action": "arm"}, "request": number}]
         ends.run.send(RosAnswer(99, "of nobody"))
         ends.run.send(RosAnswer(number, refusal))
-        thread.join(5.0)
+        thread.join(PATIENCE_S)
     assert refusals == ["not ready", None]
     ends.run.send(RosEnd())
-    running.join(5.0)
+    running.join(PATIENCE_S)
     assert not running.is_alive()
 
 
@@ -213,7 +215,7 @@ def test_nodes_have_time_to_discover_the_bridge(ends: Ends, monkeypatch: pytest.
     ends.bridge.await_discovery()
     assert now_s[0] == pytest.approx(100.0 + process.DISCOVERY_S, abs=process.SPIN_S)
     monkeypatch.undo()
-    problem, counts = ends.run.receive(5.0)
+    problem, counts = ends.run.receive(PATIENCE_S)
     assert problem == {"problem": "another node publishes /fix"}
     assert counts["counts"]["published"]["/tf_static"] == 1
 
@@ -243,7 +245,7 @@ def test_the_process_opens_the_middleware_and_tells_the_run(monkeypatch: pytest.
     pipe.send(RosEnd())
     process.main([str(other.detach())])
     assert specs == [RosSpec(domain=3)]
-    sent = pipe.receive(5.0)
+    sent = pipe.receive(PATIENCE_S)
     assert {"opened": "graph"} in sent
     assert "received" not in sent[-1]["counts"], "this run accepts no commands"
     assert graph.handlers == {}
@@ -259,7 +261,7 @@ def test_a_middleware_that_cannot_be_opened_is_told_to_the_run(monkeypatch: pyte
     pipe = Pipe.of_run(run)
     pipe.send(RosStart((load_profile("sitl").runnable(),)))
     process.main([str(other.detach())])
-    assert pipe.receive(5.0) == [{"failed": "ros: no such network"}]
+    assert pipe.receive(PATIENCE_S) == [{"failed": "ros: no such network"}]
     with pytest.raises(PipeClosedError):
-        pipe.receive(5.0)
+        pipe.receive(PATIENCE_S)
     pipe.close()
