@@ -177,6 +177,11 @@ CAUSES = (
          "vehicle.log_dropped", "links.serial_overflow"),
         2.0,
     ),
+    CauseRule(  # the main loop stopped: it waits for a silent IMU, and the autopilot then disarms
+        ("sensors.recording_pauses",),
+        ("sensors", "gnss", "estimator", *_ERRORS, *_ACTED, *_EKF),
+        15.0,
+    ),
     CauseRule(("vehicle.log_dropped",), ("sensors.gap", "sensors.missing", "sensors.recording_pauses"), 2.0),
     CauseRule(
         ("radio.too_slow", "radio.saturated", "radio.oscillation"),

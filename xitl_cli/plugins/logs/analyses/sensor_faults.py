@@ -191,7 +191,7 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
         "logged",
         (
             "Look at DSF.Dp and the storage (a card that is slow or full), at logging that was stopped, and at the "
-            "scheduler: the processor may have stopped."
+            "scheduler: the processor may have stopped. ArduPilot's main loop also waits for an IMU that sends nothing."
         ),
     )
     if log.format == "tlog":
