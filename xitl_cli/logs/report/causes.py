@@ -148,7 +148,7 @@ CAUSES = (
     CauseRule(  # samples that are missing do not stop a sensor
         ("sensors.slow", "sensors.missing"),
         ("sensors.slow", "sensors.missing", "sensors.gap", "sensors.errors", "sensors.unhealthy", "sensors.disagree",
-         *_MISLED),
+         "sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", *_DEPARTED, *_MISLED),
         10.0,
     ),
     CauseRule(
@@ -189,8 +189,8 @@ CAUSES = (
     ),
     CauseRule(  # the main loop stopped: it waits for a silent IMU, and the autopilot then disarms
         ("sensors.recording_pauses",),
-        ("sensors", "gnss", "estimator", *_ERRORS, *_ACTED, *_EKF),
-        15.0,
+        ("sensors.gap", "sensors.missing", "sensors.slow", "gnss", *_ERRORS, *_ACTED, *_EKF),
+        5.0,
     ),
     CauseRule(("vehicle.log_dropped",), ("sensors.gap", "sensors.missing", "sensors.recording_pauses"), 2.0),
     CauseRule(
