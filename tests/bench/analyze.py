@@ -176,10 +176,12 @@ def measure(chosen: Sequence[Case], file: ResultsFile, folder: Path, workers: in
     """Add the outcomes of the cases to the file.
 
     minutes: time after which no further case begins; None: all are measured. The order of the measurements is random,
-    so that the cases of a limited time are a fair sample. A case that fails ends the bench.
+    so that the cases of a limited time are a fair sample. Runs in the folder come first. A case that fails ends the
+    bench.
     """
     until_s = math.inf if minutes is None else time.monotonic() + 60.0 * minutes
     order = default_rng(len(chosen)).permutation(len(chosen)).tolist()
+    order.sort(key=lambda number: not _finished(folder / chosen[number].run_name))
     tasks = [(chosen[number], folder, until_s) for number in order]
     done = 0
     with get_context("forkserver").Pool(workers, maxtasksperchild=RUNS_OF_A_WORKER) as pool:

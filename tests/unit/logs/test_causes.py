@@ -73,6 +73,21 @@ def test_a_receiver_with_a_poor_accuracy_explains_errors_of_the_position_at_any_
     assert groups == [("gnss.poor", ["estimator.position_error"]), ("actuation.thrust_loss", [])]
 
 
+def test_a_main_loop_that_stopped_explains_what_the_autopilot_did_then() -> None:
+    pause, disarmed = finding("sensors.recording_pauses", (56.6, 60.6)), finding("arming.disarmed_by_failsafe", 56.8)
+    glitch = finding("gnss.glitch", (62.0, 76.9))
+    groups = shape(group_findings(Report((log(pause, disarmed, glitch),))))
+    assert groups == [("sensors.recording_pauses", ["arming.disarmed_by_failsafe", "gnss.glitch"])]
+
+
+def test_missing_samples_of_one_sensor_do_not_stop_another() -> None:
+    missing, stuck = finding("sensors.missing", (35.7, 88.1), severity=NOTICE), finding("sensors.stuck", (61.5, 67.5))
+    failsafe = finding("modes.failsafe.position", 63.9, severity=CRITICAL)
+    groups = shape(group_findings(Report((log(missing, stuck, failsafe),))))
+    assert ("sensors.stuck", []) in groups or ("sensors.stuck", ["modes.failsafe.position"]) in groups
+    assert all("sensors.stuck" not in follow for _, follow in groups)
+
+
 def test_a_biased_gyroscope_explains_an_accelerometer_that_leaves_the_velocity() -> None:
     gyro, accel = finding("sensors.gyro_bias", (20.0, 100.0)), finding("sensors.accel_bias", (68.0, 100.0))
     assert shape(group_findings(Report((log(gyro, accel),)))) == [("sensors.gyro_bias", ["sensors.accel_bias"])]

@@ -88,6 +88,14 @@ def test_turning_and_noise_are_no_step_of_the_field() -> None:
     assert field_steps(rotations(unit()), compass((0.0, 0.0, 0.0), 60.0, 80.0)) == []
 
 
+def test_a_turn_that_no_gyroscope_measured_is_no_step_of_the_field() -> None:
+    whole = unit()
+    rows = (whole.stamp_ns < 60 * S) | (whole.stamp_ns > 63 * S)
+    assert whole.gyro_radps is not None
+    cut = replace(whole, stamp_ns=whole.stamp_ns[rows], gyro_radps=whole.gyro_radps[rows])
+    assert field_steps(rotations(cut), compass((0.0, 0.0, 0.0), 0.0, 0.0)) == []
+
+
 def test_a_pressure_that_is_off_for_a_time_has_onset_end_and_size() -> None:
     rng = np.random.default_rng(7)
     time_s = np.arange(0.0, END_S, 0.1)

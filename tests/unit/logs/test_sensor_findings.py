@@ -127,6 +127,18 @@ def test_a_stuck_magnetometer_while_the_vehicle_turns():
     assert keys(report(unit, mag(still))) == []
 
 
+def test_missing_samples_are_evidence_only_near_the_gaps():
+    """Ten in a row of gaps at 20 s, and some at 50 s."""
+    table = imu()
+    keep = np.ones(len(table), dtype=bool)
+    keep[1000:1040:2] = keep[2500:2560:2] = False
+    cut = MadeTable("IMU", table.stamp_ns[keep], {name: table.values(name)[keep] for name in table.columns})
+    finding = only(report(cut, other_messages(60.0), rcou(60.0)))
+    assert finding.key == "sensors.missing"
+    spans_s = [(each.at_ns / S, each.until_ns / S) for each in finding.evidence]
+    assert spans_s == [pytest.approx((19.98, 20.78)), pytest.approx((49.98, 51.18))]
+
+
 @pytest.mark.parametrize(("method", "expected"), [(1, []), (6, ["sensors.stuck"])])
 def test_a_unit_that_stops_after_disarming_is_switched_off_unless_a_failsafe_disarmed(method: int, expected: list[str]):
     columns = imu_columns(60.0)

@@ -65,6 +65,11 @@ _HIT = (
 )  # fmt: skip
 _MISJUDGED = ("attitude.overturned", "attitude.leaning", "attitude.rolling", "attitude.doubtful")
 """Findings on the estimated attitude, which inertial sensors determine."""
+_MISLED = (
+    "gnss.silent", "events.error.3", "events.error.18", "events.error.26", "events.said.sensor", "control",
+    *_MISJUDGED, *_DRIVEN, *_EKF, *_ACTED,
+)  # fmt: skip
+"""Consequences of a sensor that fails."""
 _MEASURES = ("estimator.position_error", "estimator.yaw_error")
 """Errors against the truth, at the instant of the largest: they measure consequences and cause nothing."""
 _SILENT = ("links.silence", "links.sequence_loss", "links.loss", "radio.failsafe", "radio.none")
@@ -104,7 +109,7 @@ CAUSES = (
     CauseRule(("time_bases.step", "time_bases.rate_step"), ("sensors", "gnss.silent", "scheduler", "time_bases"), 2.0),
     CauseRule(
         ("links.silence", "links.sequence_loss", "links.loss"),
-        ("links", "sensors.gap", "sensors.missing", "sensors.recording_pauses", "gnss.silent"),
+        ("links", "sensors.gap", "sensors.missing", "sensors.recording_pauses", "gnss.silent", "gnss.fix_lost"),
         3.0,
     ),
     CauseRule(
@@ -136,9 +141,14 @@ CAUSES = (
     ),
     CauseRule(
         ("sensors.gap", "sensors.stuck", "sensors.stopped_together", "sensors.unhealthy", "sensors.errors",
-         "sensors.slow", "sensors.missing", "sensors.saturated", "sensors.compasses_disagree", "sensors.field_changes"),
-        ("sensors", "gnss.silent", "events.error.3", "events.error.18", "events.error.26", "events.said.sensor",
-         "control", *_MISJUDGED, *_DRIVEN, *_EKF, *_ACTED),
+         "sensors.saturated", "sensors.compasses_disagree", "sensors.field_changes"),
+        ("sensors", *_MISLED),
+        10.0,
+    ),
+    CauseRule(  # samples that are missing do not stop a sensor
+        ("sensors.slow", "sensors.missing"),
+        ("sensors.slow", "sensors.missing", "sensors.gap", "sensors.errors", "sensors.unhealthy", "sensors.disagree",
+         "sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", *_DEPARTED, *_MISLED),
         10.0,
     ),
     CauseRule(
@@ -176,6 +186,11 @@ CAUSES = (
         ("scheduler", "tasks", "events.main_loop_stuck", "events.error.19", "sensors.missing", "sensors.gap",
          "vehicle.log_dropped", "links.serial_overflow"),
         2.0,
+    ),
+    CauseRule(  # the main loop stopped: it waits for a silent IMU, and the autopilot then disarms
+        ("sensors.recording_pauses",),
+        ("sensors.gap", "sensors.missing", "sensors.slow", "gnss", *_ERRORS, *_ACTED, *_EKF),
+        5.0,
     ),
     CauseRule(("vehicle.log_dropped",), ("sensors.gap", "sensors.missing", "sensors.recording_pauses"), 2.0),
     CauseRule(

@@ -47,6 +47,7 @@ _CHANGE_S = 2.0
 _MOST_CHANGES = 20_000
 _NOISE_FACTOR = 8.0
 _STEP_WINDOW_S = 0.8
+_BLIND_NS = 500_000_000
 _SLOPE_WINDOW_S = 12.0
 _SLOPE_RATE_HZ = 5.0
 _MOST_CHANGES_OF_SLOPE = 50
@@ -253,6 +254,9 @@ def field_steps(turns: Rotations | None, compass: SensorSeries) -> list[SensorSt
     fixed = np.einsum("nij,nj->ni", matrices[at], compass.values)
     rows, sizes = _steps(compass.stamp_ns, fixed, FIELD_STEP_MGAUSS)
     rows, sizes = _without_holds(compass, rows, sizes)
+    # Without a gyroscope, nothing explains a turn.
+    ends = np.flatnonzero(np.diff(stamp_ns) > _BLIND_NS)
+    rows, sizes = _apart_from(compass, rows, sizes, list(zip(stamp_ns[ends], stamp_ns[ends + 1], strict=True)))
     body = [matrices[at[row]].T @ size for row, size in zip(rows, sizes, strict=True)]
     return paired_steps([int(compass.stamp_ns[row]) for row in rows], body)
 
@@ -335,11 +339,19 @@ def _without_holds(sensor: SensorSeries, rows: list[int], sizes: list[Floats]) -
     """The steps without the jump at the end of a time in which a sensor held one value."""
     period_s = float(np.median(np.diff(sensor.stamp_ns))) * 1e-9
     holds = find_holds(sensor.values, max(period_s, 1e-3)).holds
-    reach = round(_STEP_WINDOW_S / max(period_s, 1e-3))
+    spans_ns = [(int(sensor.stamp_ns[hold.first]), int(sensor.stamp_ns[hold.last])) for hold in holds]
+    return _apart_from(sensor, rows, sizes, spans_ns)
+
+
+def _apart_from(
+    sensor: SensorSeries, rows: list[int], sizes: list[Floats], spans_ns: Sequence[tuple[int, int]]
+) -> tuple[list[int], list[Floats]]:
+    """The steps whose window does not reach into one of the spans."""
+    reach_ns = round(_STEP_WINDOW_S * 1e9)
     kept = [
         (row, size)
         for row, size in zip(rows, sizes, strict=True)
-        if not any(hold.first - reach <= row <= hold.last + reach for hold in holds)
+        if not any(begin - reach_ns <= sensor.stamp_ns[row] <= end + reach_ns for begin, end in spans_ns)
     ]
     return [row for row, _ in kept], [size for _, size in kept]
 

@@ -191,7 +191,7 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
         "logged",
         (
             "Look at DSF.Dp and the storage (a card that is slow or full), at logging that was stopped, and at the "
-            "scheduler: the processor may have stopped."
+            "scheduler: the processor may have stopped. ArduPilot's main loop also waits for an IMU that sends nothing."
         ),
     )
     if log.format == "tlog":
@@ -291,9 +291,18 @@ def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
         Severity.WARNING if share >= _MISSING_WARNING else Severity.NOTICE,
         f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz need are "
         f"missing, in {len(sensor.gaps)} gaps of up to {longest_s:.3g} s",
-        (Evidence(sensor.message, sensor.field, int(sensor.gaps.from_ns[0]), int(sensor.gaps.until_ns[-1])),),
+        tuple(
+            Evidence(sensor.message, sensor.field, begin_ns, end_ns) for begin_ns, end_ns in _gap_spells(sensor.gaps)
+        ),
         _GAP_STEP,
     )
+
+
+def _gap_spells(found: Gaps) -> list[tuple[int, int]]:
+    """Spells of gaps that are less than two seconds apart: up to eight, the longest, in order of time."""
+    apart = np.flatnonzero(found.from_ns[1:] - found.until_ns[:-1] > _SPELL_NS)
+    begins, ends = found.from_ns[np.append(0, apart + 1)].tolist(), found.until_ns[np.append(apart, -1)].tolist()
+    return sorted(sorted(zip(begins, ends, strict=True), key=lambda span: span[0] - span[1])[:8])
 
 
 def _gap_plot(found: list[JudgedSensor]) -> tuple[Plot, ...]:
@@ -327,6 +336,7 @@ _ACCEL_LEAST_MPS2 = 18.0  # the smallest range is 2 g
 _RATE_DROP = 0.8
 _AT_ONCE_NS = 1_000_000_000
 _STUCK = "sensors.stuck"
+_SPELL_NS = 2_000_000_000
 
 
 def trouble_section(
