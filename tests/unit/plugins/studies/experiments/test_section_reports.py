@@ -394,6 +394,7 @@ def test_the_table_of_both_sides(two_sides: Callable[..., ExperimentReport]) -> 
     assert rows["autopilot off a line, SITL"].difference == "At 50.000 Hz over 0 s of simulated time."
     assert rows["boom's points off it, SITL"].ours == 0.123
     assert (rows["offline map apart, SITL"].ours, rows["offline map apart, HITL"].ours) == (0.001, 0.02)
+    assert (rows["offline map apart, SITL"].paper, rows["offline map apart, HITL"].paper) == ("slightly", "alike")
     assert rows["offline map apart, HITL"].difference.startswith("In real time, clouds reach companion")
     assert len(report.notes) == 1
     assert [one["difference"]["map_rms_m"] for one in report.details["maps"]] == [0.0005, 0.02]
@@ -639,6 +640,22 @@ def test_the_cloud_is_drawn_from_above_and_from_the_side(monkeypatch: pytest.Mon
         and np.allclose(sorted(two), sorted([(2.5 - along[0], 9.0 - along[1]), (2.5 + along[0], 9.0 + along[1])]))
         for two in ends
     )
+    assert lines(above)["vessel"] == ([0.0], [0.0])
+    names = {text.get_text(): text.xy for text in above.texts}  # type: ignore[attr-defined]
+    assert names["branch"] == pytest.approx((2.5 - along[0], 9.0 - along[1]))
+    # From the side: north, and the height above the water
+    aside = [tuple(place) for points in side_view.collections for place in np.asarray(points.get_offsets()).tolist()]
+    assert (9.0, pytest.approx(0.15)) in aside
+    assert (10.0, pytest.approx(-1.15)) in aside
+    assert (0.0, pytest.approx(-1.15)) in aside
+    (name,) = side_view.texts
+    assert name.xy == pytest.approx((11.2, -1.3))  # type: ignore[attr-defined]
+    assert next(list(line.get_ydata()) for line in side_view.get_lines()) == [0.0, 0.0]
+    (ranges,) = drawn(report, "4.4-proximity")
+    told = lines(ranges)
+    assert told["OBSTACLE_DISTANCE"] == ([10.0, 16.0, -30.0], [9.0, 9.128, 4.0])
+    assert told["branch, its middle"] == ([pytest.approx(15.524, abs=1e-3)], [pytest.approx(math.hypot(9.0, 2.5))])
+    assert told["sunken trunk"] == ([pytest.approx(-21.801, abs=1e-3)], [pytest.approx(math.hypot(10.0, 4.0))])
     (trunk,) = side_view.patches
     half_m = 2.0 * math.cos(math.radians(60.0))
     assert trunk.get_bbox().bounds == pytest.approx((10.0 - half_m, -1.65, 2.0 * half_m, 0.7))  # type: ignore[attr-defined]

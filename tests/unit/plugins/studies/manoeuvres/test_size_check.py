@@ -394,3 +394,13 @@ def test_keys_of_added_mass_and_forces(tanker: VesselSpec) -> None:
         "vehicle.damping_linear.yaw",
         "vehicle.damping_quadratic.yaw",
     ]
+
+
+def test_without_a_munk_moment_nothing_has_to_contain_it() -> None:
+    """A body with the same added mass ahead and across has none."""
+    model = box(derivatives={"Y_vv": -1.0}, derivatives_contain="coriolis")
+    even = {0: 0.3 * SWAY_KG, 1: 0.3 * SWAY_KG}
+    assert under_way(model, drift=-1.0, added=even) == []
+    assert under_way(model, drift=-1.0, added={0: 0.3 * SWAY_KG, 1: 0.31 * SWAY_KG}) == [
+        ("derivatives.no_munk", "vehicle.derivatives_contain")
+    ]
