@@ -38,6 +38,7 @@ def rows(path: Path, table: str, *columns: str) -> tuple[Floats, ...]:
         return tuple(np.asarray(values, dtype=float)[own] for values in (stamp_s, *map(found.values, columns)))
 
 
+@pytest.mark.medium
 def test_the_motion_of_a_dataflash_log_is_that_of_its_estimator() -> None:
     run = read(CALM, "estimate")
     assert check_recording(run, 2) is run
@@ -101,6 +102,7 @@ def test_commands_are_the_outputs_while_armed_and_the_last_is_held(source: str) 
     assert run.command_s[-1] == pytest.approx(time_s[-1], abs=0.2)
 
 
+@pytest.mark.medium
 def test_a_telemetry_log_has_the_same_quantities() -> None:
     run = read(MISSION_TLOG, "estimate")
     time_s, yaw_rad = rows(MISSION_TLOG, "ATTITUDE", "yaw")
