@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy
 
-from xitl_cli.plugins.campaign.axes import Axis, combinations, raw_count, read_axes
+from xitl_cli.plugins.campaign.axes import Axis, combinations, raw_count, read_axes, short, value_text
 from xitl_cli.plugins.campaign.expression import parse_expression
 from xitl_cli.profile.files.entry import Origin, ProfileError
 from xitl_cli.profile.files.yaml_file import parse_yaml
@@ -220,3 +220,17 @@ def test_a_whole_fault_is_on_or_off() -> None:
 
 def test_two_ends_are_a_range() -> None:
     assert axis("{from: 0, to: 1, count: 2}").grid_values(1) == (0.0, 1.0)
+
+
+def test_numbers_are_shown_with_four_digits() -> None:
+    for value, shown in (
+        (4.0, "4"),
+        (0.123456, "0.1235"),
+        (12345.6, "12350"),
+        (-3.0, "-3"),
+        (1e15, "1000000000000000.0"),
+    ):
+        assert str(short(value)) == value_text(value) == shown
+    assert value_text(2) == "2"
+    assert value_text(("a", 1.0, True)) == "a, 1, true"
+    assert value_text(math.inf) == "Infinity"

@@ -130,3 +130,16 @@ def test_columns_of_any_values_are_read_by_other_programs(plan: CampaignPlan, tm
     assert written["ended"] == ["a", "2", None, '{"b": 1}']
     assert [None if value is None else json.loads(value) for value in written["warnings"]] == many
     assert written[WIND] == [0, 0, 4, 4]
+
+
+def test_lines_that_are_no_rows_are_passed_over(plan: CampaignPlan, tmp_path: Path) -> None:
+    with CampaignFolder.create(tmp_path / "out", plan) as folder:
+        folder.append({"number": 1, "key": "a", "status": "completed", "passed": True})
+    whole = {"number": 2, "key": "b", "status": "completed", "passed": False}
+    wrong: list[Any] = [{key: value for key, value in whole.items() if key != left_out} for left_out in whole]
+    wrong += [{**whole, "number": "2"}, {**whole, "key": 2}, [whole], 7]
+    with (tmp_path / "out" / "results.jsonl").open("a", encoding="utf-8") as file:
+        file.writelines(json.dumps(line) + "\n" for line in wrong)
+        file.write("{\n" + json.dumps({**whole, "more": 1}) + "\n" + json.dumps({**whole, "number": 3}))
+    found = results.ResultTable.read(tmp_path / "out")
+    assert [(row["number"], row.get("more")) for row in found.rows] == [(1, None), (2, 1)]

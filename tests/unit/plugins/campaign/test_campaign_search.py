@@ -158,3 +158,11 @@ def test_a_search_that_cannot_be_is_refused_with_its_line(tmp_path: Path, was: s
         planned(tmp_path, BISECTION.replace(was, instead))
     assert said in str(told.value)
     assert "plan.yaml:" in str(told.value)
+
+
+@pytest.mark.medium
+def test_the_largest_number_of_runs_of_a_search(tmp_path: Path) -> None:
+    """400 for each boundary along one axis, 1000 along several, or as the plan says."""
+    assert planned(tmp_path, BISECTION).most_runs() == 2 * 400
+    assert planned(tmp_path, EXPLORATION).most_runs() == 1000
+    assert planned(tmp_path, BISECTION.replace("width: 2", "width: 2, most_runs: 30")).most_runs() == 2 * 30

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from xitl_cli.plugins.campaign.sensitivity import axis_effects, elasticities, unit_sample
+from xitl_cli.plugins.campaign.search_spec import SensitivitySpec
+from xitl_cli.plugins.campaign.sensitivity import axis_effects, elasticities, sensitivities, unit_sample
+from xitl_cli.plugins.campaign.statistics import mean_interval
 
 ISHIGAMI = {"x1": (0.3139, 0.5576), "x2": (0.4424, 0.4424), "x3": (0.0, 0.2437)}
 """First-order and total indices for a = 7, b = 0.1: Homma and Saltelli 1996, Reliability Engineering 52."""
@@ -93,3 +95,53 @@ def test_elasticities_of_a_power_law() -> None:
 def test_an_axis_that_is_zero_at_nominal_has_a_slope_and_no_elasticity() -> None:
     (told,) = elasticities({"x": 0.0}, {"x": {1: [(0.0, 1.0), (2.0, 5.0)]}}, 0.95)
     assert (told.elasticity, told.slope, told.interval) == (None, pytest.approx(2.0), None)
+
+
+def test_an_axis_that_is_zero_at_nominal_has_the_interval_of_its_slope() -> None:
+    series = {"x": {seed: [(0.0, 1.0), (2.0, 1.0 + 2.0 * slope)] for seed, slope in enumerate((1.0, 2.0, 4.0))}}
+    (told,) = elasticities({"x": 0.0}, series, 0.95)
+    assert (told.elasticity, told.slope, told.seeds) == (None, pytest.approx(7.0 / 3.0), 3)
+    expected = mean_interval(np.array([1.0, 2.0, 4.0]), 0.95)
+    assert told.interval is not None
+    assert expected is not None
+    assert (told.interval.low, told.interval.high) == pytest.approx((expected.low, expected.high))
+
+
+def test_the_strongest_axis_comes_first_and_those_that_do_not_vary_are_left_out() -> None:
+    series = {
+        "weak": {1: [(1.0, 2.0), (2.0, 2.2)]},
+        "strong": {1: [(1.0, 2.0), (2.0, 0.0)]},
+        "still": {1: [(1.0, 2.0)], 2: [(1.0, 3.0), (1.0, 5.0)]},
+    }
+    told = elasticities({"weak": 1.0, "strong": 1.0, "still": 1.0}, series, 0.95)
+    assert [(one.axis, one.elasticity) for one in told] == [
+        ("strong", pytest.approx(-1.0)),
+        ("weak", pytest.approx(0.1)),
+    ]
+
+
+@pytest.mark.medium
+def test_a_figure_that_is_the_same_in_every_run_has_no_sensitivity() -> None:
+    sample = unit_sample("morris", 2, 8, seed=5)
+    told = axis_effects("y", "morris", ["a", "b"], sample, np.full(len(sample), 5.0), 0.95, seed=5)
+    assert (told.effects, told.why) == ((), "it is 5 in every run")
+
+
+@pytest.mark.medium
+def test_runs_that_failed_or_have_no_number_leave_their_group_out() -> None:
+    spec, axes = SensitivitySpec(samples=8), ("a", "b")
+    sample = unit_sample("morris", 2, 8, seed=1)
+    rows = [
+        {"number": number, "status": "completed", "y": float(2.0 * a + b), "a": a, "b": b}
+        for number, (a, b) in enumerate(sample, 1)
+    ]
+    places = list(range(len(rows)))
+    (whole,) = sensitivities(spec, axes, ("y",), rows, places, 1, 1)
+    assert (whole.used, whole.dropped) == (8, 0)
+    assert [effect.total for effect in whole.effects] == pytest.approx([2.0, 1.0])
+    rows[0] = {**rows[0], "status": "failed", "y": None}
+    rows[5] = {**rows[5], "y": None}
+    rows[8] = {**rows[8], "status": "killed"}
+    (told,) = sensitivities(spec, axes, ("y",), [*rows, {"number": 99, "status": "completed", "y": 7.0}], places, 1, 1)
+    assert (told.used, told.dropped) == (5, 3)
+    assert [effect.total for effect in told.effects] == pytest.approx([2.0, 1.0])

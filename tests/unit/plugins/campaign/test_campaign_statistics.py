@@ -243,3 +243,10 @@ def test_a_surface_finds_the_plane_it_was_drawn_from() -> None:
     )
     assert rates == pytest.approx([0.5, 0.5, 1 / (1 + np.exp(-3))], abs=0.1)
     assert ((low < [0.5, 0.5, 0.9526]) & (high > [0.5, 0.5, 0.9526])).all()
+
+
+def test_without_pairs_or_runs_nothing_is_known() -> None:
+    told = paired_rates([], [])
+    assert (told.pairs, told.passed_a, told.passed_b, told.only_a, told.only_b) == (0, 0, 0, 0, 0)
+    assert (told.interval, told.p_value, told.clusters, told.difference) == (Interval(-1.0, 1.0), 1.0, 0, 0.0)
+    assert clustered_rate_interval([], []) == Interval(0.0, 1.0)

@@ -113,33 +113,6 @@ def test_a_scheduler_with_tls_is_reached_with_its_files_and_with_no_other(
             pass
 
 
-@pytest.mark.parametrize(
-    ("address", "files", "told"),
-    [
-        ("tls://127.0.0.1:8786", cluster.TlsFiles(), "TLS needs --tls-ca-file and --tls-cert"),
-        ("tls://127.0.0.1:8786", cluster.TlsFiles("none.pem", "none.pem"), "the TLS files cannot be used"),
-        ("tcp://127.0.0.1:8786", cluster.TlsFiles("ca.pem"), "need an address tls://"),
-    ],
-)
-def test_files_that_do_not_fit_the_address_are_refused(address: str, files: cluster.TlsFiles, told: str) -> None:
-    with pytest.raises(UserError, match=told), cluster.workers_at(address, "unfit", None, files):
-        pass
-
-
-@pytest.mark.parametrize(
-    ("address", "is_open"),
-    [
-        ("tcp://10.0.0.2:8786", True),
-        ("head:8786", True),
-        ("tcp://127.0.0.1:8786", False),
-        ("localhost:8786", False),
-        ("tls://10.0.0.2:8786", False),
-    ],
-)
-def test_an_address_on_a_network_without_tls_is_open(address: str, is_open: bool) -> None:
-    assert cluster.is_open(address) is is_open
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="has no shared directory for temporary files")
 def test_own_workers_use_no_scratch_directory_that_another_user_may_have_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -13,7 +13,7 @@ import pytest
 from agent import __version__
 from xitl_cli.errors import UserError
 from xitl_cli.plugins.campaign import cluster
-from xitl_cli.plugins.campaign.cluster import DaskWorkers, SchedulerAwayError, workers_at
+from xitl_cli.plugins.campaign.cluster import DaskWorkers, SchedulerAwayError, TlsFiles, workers_at
 from xitl_cli.plugins.campaign.execution import RunTask, run_point, stop_runs
 
 distributed = pytest.importorskip("distributed")
@@ -302,3 +302,30 @@ def test_facts_of_a_worker(tmp_path: Path) -> None:
     assert cluster._worker_facts(str(tmp_path))["folder"]
     assert not cluster._worker_facts(str(tmp_path / "nowhere"))["folder"]
     assert own["dask"] == version("dask")
+
+
+@pytest.mark.parametrize(
+    ("address", "files", "told"),
+    [
+        ("tls://127.0.0.1:8786", TlsFiles(), "TLS needs --tls-ca-file and --tls-cert"),
+        ("tls://127.0.0.1:8786", TlsFiles("none.pem", "none.pem"), "the TLS files cannot be used"),
+        ("tcp://127.0.0.1:8786", TlsFiles("ca.pem"), "need an address tls://"),
+    ],
+)
+def test_files_that_do_not_fit_the_address_are_refused(address: str, files: TlsFiles, told: str) -> None:
+    with pytest.raises(UserError, match=told), workers_at(address, "unfit", None, files):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("address", "is_open"),
+    [
+        ("tcp://10.0.0.2:8786", True),
+        ("head:8786", True),
+        ("tcp://127.0.0.1:8786", False),
+        ("localhost:8786", False),
+        ("tls://10.0.0.2:8786", False),
+    ],
+)
+def test_an_address_on_a_network_without_tls_is_open(address: str, is_open: bool) -> None:
+    assert cluster.is_open(address) is is_open

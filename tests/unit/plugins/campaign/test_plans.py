@@ -196,6 +196,7 @@ def test_a_plan_that_is_away(tmp_path: Path) -> None:
         find_plan("environments.yaml")  # a path
 
 
+@pytest.mark.medium
 def test_a_sensitivity_has_a_run_for_each_place_and_seed(tmp_path: Path) -> None:
     axes = "axes: {environment.wind.mean_mps: {uniform: [0, 1]}, mission.speed_mps: {uniform: [1, 2]}}\nseeds: 3\n"
     assert plan(tmp_path, BASE + axes + "sensitivity: {samples: 8}\n").most_runs() == 8 * (2 + 1) * 3

@@ -38,6 +38,7 @@ def rows(path: Path, table: str, *columns: str) -> tuple[Floats, ...]:
         return tuple(np.asarray(values, dtype=float)[own] for values in (stamp_s, *map(found.values, columns)))
 
 
+@pytest.mark.medium
 def test_the_motion_of_a_dataflash_log_is_that_of_its_estimator() -> None:
     run = read(CALM, "estimate")
     assert check_recording(run, 2) is run
@@ -101,6 +102,7 @@ def test_commands_are_the_outputs_while_armed_and_the_last_is_held(source: str) 
     assert run.command_s[-1] == pytest.approx(time_s[-1], abs=0.2)
 
 
+@pytest.mark.medium
 def test_a_telemetry_log_has_the_same_quantities() -> None:
     run = read(MISSION_TLOG, "estimate")
     time_s, yaw_rad = rows(MISSION_TLOG, "ATTITUDE", "yaw")
@@ -136,3 +138,14 @@ def test_without_a_rate_of_turn_the_heading_remains(monkeypatch: pytest.MonkeyPa
     time_s = np.arange(50.0, 135.0, 0.5)
     ours, theirs = (own.motion_at(time_s)[:, 5] for own in (found, read(CALM, "estimate")))
     assert ours == pytest.approx(theirs, abs=0.05)
+
+
+def test_a_part_of_a_log_ends_with_the_command_that_is_held_there() -> None:
+    vessel = load_profile("vehicles/asv-third").vehicle
+    assert vessel is not None
+    run = read_log(CALM, vessel, ReplaySpec(start_s=50.0, end_s=60.0), "estimate")
+    whole = read(CALM, "estimate")
+    assert (run.command_s[0], run.command_s[-1]) == pytest.approx((50.0, 60.0), abs=0.11)
+    held = np.searchsorted(whole.command_s, run.command_s + 1e-6, side="right") - 1
+    assert run.commands[:-1] == pytest.approx(whole.commands[held[:-1]])
+    assert run.commands[-1].tolist() == run.commands[-2].tolist() != run.commands[-3].tolist()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.unit.logs.made_log import MadeLog, MadeTable
+from xitl_cli.errors import UserError
 from xitl_cli.plugins.identify.sensors import SensorEstimate, SensorValue, identify_sensors
 
 REST_S, END_S = 610.0, 680.0
@@ -159,3 +160,69 @@ def test_the_place_of_the_antenna_and_the_clock_of_lockstep_leave_the_latency_al
     assert latency.sigma is not None
     assert latency.sigma < 0.005
     assert latency.value == pytest.approx(LATENCY_S, abs=3.0 * latency.sigma)
+
+
+def short_log(rest_s: float, moving_s: float = 0.0, **left_out: bool) -> MadeLog:
+    """A boat at rest and then in surges of 8 s, without chance in its receiver."""
+    rng = np.random.default_rng(8)
+    imu_s, fix_s, baro_s = (np.arange(0.0, rest_s + moving_s, 1.0 / rate) for rate in (IMU_HZ, GNSS_HZ, BAROMETER_HZ))
+    later_s = REST_S - rest_s
+    accel = np.array([0.0, 0.0, -9.81]) + 1e-3 * rng.standard_normal((len(imu_s), 3))
+    accel[:, 0] += acceleration_mps2(imu_s + later_s)
+    inertial = {f"Gyr{axis}": 3e-3 + 1e-5 * rng.standard_normal(len(imu_s)) for axis in "XYZ"}
+    inertial |= {f"Acc{axis}": accel[:, n] for n, axis in enumerate("XYZ")}
+    speed = speed_mps(fix_s - LATENCY_S + later_s)
+    fixes = {
+        "Status": np.full(len(fix_s), 3),
+        "NSats": np.full(len(fix_s), 12),
+        "Lat": np.full(len(fix_s), LAT_DEG),
+        "Lng": np.full(len(fix_s), LON_DEG),
+        "Spd": speed,
+        "GCrs": np.full(len(fix_s), math.degrees(HEADING_RAD)),
+    }
+    attitude = {"Roll": 0.0, "Pitch": 0.0, "Yaw": math.degrees(HEADING_RAD)}
+    tables = {
+        "IMU": (imu_s, inertial),
+        "ATT": (imu_s, {name: np.full(len(imu_s), at) for name, at in attitude.items()}),
+        "GPS": (fix_s, fixes),
+        "BARO": (baro_s, {"Press": 101_325.0 + rng.standard_normal(len(baro_s))}),
+    }
+    return MadeLog(
+        *(MadeTable(name, np.round(at_s * 1e9), own) for name, (at_s, own) in tables.items() if name not in left_out)
+    )
+
+
+@pytest.mark.medium
+def test_a_short_rest_says_what_it_does_not_show() -> None:
+    found = identify_sensors(short_log(90.0))
+    keys = {own.key for own in found.values}
+    assert "imu.gyro_noise_density_radpsprthz" in keys
+    assert not any("instability" in key or "drift" in key or "latency" in key for key in keys)
+    stability, latency = found.lacks
+    assert stability == (
+        "the stability of the biases and the drift of the receiver need 10 min of rest, and this log has 1.5"
+    )
+    assert latency.startswith("the latency of the receiver needs changes of speed")
+    bias = value(found, "imu.gyro_turn_on_bias_radps")
+    # Of three axes at one start: the standard deviation by the root of six.
+    assert (bias.value, bias.sigma) == (pytest.approx(3e-3, rel=1e-3), pytest.approx(3e-3 / math.sqrt(6.0), rel=1e-3))
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(("moving_s", "known"), [(24.0, False), (36.0, True)])
+def test_the_latency_needs_five_windows_of_changing_speed(moving_s: float, known: bool) -> None:
+    """A window is 5 s long."""
+    found = {own.key: own for own in identify_sensors(short_log(90.0, moving_s)).values}
+    assert ("gnss.latency_s" in found) is known
+    if known:
+        assert found["gnss.latency_s"].value == pytest.approx(LATENCY_S, abs=0.005)
+
+
+@pytest.mark.medium
+def test_logs_that_cannot_show_sensors() -> None:
+    with pytest.raises(UserError, match=r"has no samples of an IMU; record IMU \(bit 18 of LOG_BITMASK\)"):
+        identify_sensors(short_log(90.0, IMU=True))
+    with pytest.raises(UserError, match=r"the boat is at rest for \d+ s at most; record \d+ s or more"):
+        identify_sensors(short_log(5.0, 60.0))
+    keys = {own.key.partition(".")[0] for own in identify_sensors(short_log(90.0, GPS=True, BARO=True)).values}
+    assert keys == {"imu"}

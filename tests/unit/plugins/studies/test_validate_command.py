@@ -65,6 +65,7 @@ def validated(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     return asked
 
 
+@pytest.mark.medium
 def test_each_figure_has_a_line_with_its_reference(
     validated: list[tuple[Any, ...]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -169,6 +170,7 @@ def test_a_page_is_not_asked_for_and_not_written(
     assert opened == [Path("validation.html")]
 
 
+@pytest.mark.medium
 def test_several_vessels_are_validated_by_as_many_processes(
     validated: list[tuple[Any, ...]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -175,7 +175,7 @@ def terms_of(model: VesselSpec) -> list[Term]:
         if product.endswith("dot"):
             terms.append(Term("XYZKMN".index(component), "uvwpqr".index(product[0]), (), value))
             continue
-        letters = re.findall(r"\|?[uvwpqr]\|?", product)
+        letters = re.findall(r"\|[uvwpqr]\||[uvwpqr]", product)
         if len(letters) == 2 and "|" not in product and set(product) <= set(_SAME_WAY[component]):
             letters[0] = f"|{letters[0]}|"
         factors = tuple(("uvwpqr".index(letter.strip("|")), "|" in letter) for letter in letters)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,6 +85,21 @@ def lines(axes: Axes) -> dict[str, tuple[list[float], list[float]]]:
 
 def series(*values: float, step_s: float = 1.0) -> TimeSeries:
     return TimeSeries(step_s * np.arange(len(values)), np.array(values))
+
+
+@pytest.fixture
+def flown(tmp_path: Path) -> Path:
+    """A run's folder with the log of an ArduRover."""
+    (tmp_path / "autopilot.bin").symlink_to(CALM)
+    (tmp_path / "summary.json").write_text('{"tasks": [{"missed": 2}, {"missed": 3}]}', encoding="utf-8")
+    (tmp_path / "run.mcap").write_bytes(recording("release-0.1.0"))
+    return tmp_path
+
+
+def recording(name: str) -> bytes:
+    import lzma
+
+    return lzma.decompress((DATA / "recordings" / f"{name}.mcap.xz").read_bytes())
 
 
 # Section 4.1
@@ -317,6 +334,78 @@ def test_what_is_said_of_a_delay(late_s: float, text: str, monkeypatch: pytest.M
     assert rows_of(departure(monkeypatch, tmp_path, late_s))["gusts start late by, own sensors"].difference == text
 
 
+class Rows:
+    """A table of a log. stamps in seconds."""
+
+    def __init__(self, stamps_s: Sequence[float], **columns: Any) -> None:
+        self.stamp_ns = np.array([round(1e9 * at_s) for at_s in stamps_s])
+        self._columns = columns
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def values(self, name: str, raw: bool = False) -> Any:
+        return np.array(self._columns[name])
+
+
+@pytest.mark.medium
+def test_times_of_the_embedded_autopilot_are_those_of_its_logs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The origin of the estimator and not of the navigation, the bit of the checks before arming, the first command."""
+    tables = {
+        "autopilot.bin": {
+            "ORGN": Rows([5.0, 7.0, 8.0], Type=[1, 0, 0]),
+            "ARM": Rows([10.0, 13.0, 14.0], ArmState=[0, 1, 2]),
+        },
+        "run.mcap": {
+            "/link/agent/rx:SYS_STATUS": Rows(
+                [9.0, 10.0, 11.0, 12.0],
+                onboard_control_sensors_health=[0, (1 << 28) - 1, 3 + (1 << 28), 0],
+            ),
+            "/actuators": Rows([1.0, 20.0, 21.0], command=[[0.0, 0.0], [0.0, -0.1], [0.5, 0.5]]),
+        },
+    }
+
+    @contextlib.contextmanager
+    def opened(path: Path) -> Iterator[Any]:
+        yield SimpleNamespace(tables=tables[path.name] if path.parent.name == "calm-embedded" else {})
+
+    runs_are(monkeypatch, lambda name: {"autopilot": {"time_to_origin_s": 99.0}})
+    monkeypatch.setattr(section_4_2_departure, "open_log", opened)
+    monkeypatch.setattr(section_4_2_departure, "_traces", lambda _: DepartureTraces(None, None, None, None, None))
+    lines_told: list[str] = []
+    report = departure_report(ExperimentSetup(tmp_path / "out", tell=lines_told.append))
+    calm, waves, gusts = report.details["runs"]
+    assert list(calm["times_s"].values()) == pytest.approx([7.0, 11.0, 13.0, 20.0])
+    assert set(waves["times_s"].values()) == set(gusts["times_s"].values()) == {None}
+    assert lines_told[0] == (
+        "calm, embedded: EKF origin set 7.0 s, ready to arm 11.0 s, armed 13.0 s, motion starts 20.0 s"
+    )
+    assert lines_told[1].endswith("EKF origin set –, ready to arm –, armed –, motion starts –")
+    assert not report.completed
+    assert rows_of(report)["gusts start late by, embedded"].difference == "A run did not start to move."
+    assert rows_of(report)["top speed, embedded"].difference == "Not logged."
+
+
+@pytest.mark.medium
+def test_traces_of_a_departure_are_those_of_both_logs(
+    flown: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    found = section_4_2_departure._traces(flown)
+    with open_log(CALM) as log, open_log(flown / "run.mcap") as run:
+        loops, truth, place = log.tables["PM"], run.tables["/truth/state"], log.tables["POS"]
+        assert found.max_t is not None
+        assert found.max_t.values.tolist() == np.asarray(loops.values("MaxT", raw=True)).tolist()
+        assert found.altitude is not None
+        assert found.altitude.values.mean() == pytest.approx(np.mean(place.values("Alt")), abs=0.5)
+        assert found.speed is not None
+        moved = np.asarray(truth.values("velocity_ned_mps"))
+        assert found.speed.values == pytest.approx(np.hypot(moved[:, 0], moved[:, 1]), abs=1e-6)
+        assert found.true_altitude is not None
+        assert found.origin_height is not None
+        origin = np.asarray(log.tables["XKF1"].values("OH"))
+        assert set(np.round(found.origin_height.values, 3)) <= set(np.round(origin, 3))
+
+
 # Section 4.3
 def base(name: str, rms_ms: float) -> TimeBaseFit:
     residual_s = 1e-3 * rms_ms * np.array([1.0, -1.0, 1.0, -1.0])
@@ -394,6 +483,7 @@ def test_the_table_of_both_sides(two_sides: Callable[..., ExperimentReport]) -> 
     assert rows["autopilot off a line, SITL"].difference == "At 50.000 Hz over 0 s of simulated time."
     assert rows["boom's points off it, SITL"].ours == 0.123
     assert (rows["offline map apart, SITL"].ours, rows["offline map apart, HITL"].ours) == (0.001, 0.02)
+    assert (rows["offline map apart, SITL"].paper, rows["offline map apart, HITL"].paper) == ("slightly", "alike")
     assert rows["offline map apart, HITL"].difference.startswith("In real time, clouds reach companion")
     assert len(report.notes) == 1
     assert [one["difference"]["map_rms_m"] for one in report.details["maps"]] == [0.0005, 0.02]
@@ -474,21 +564,6 @@ def test_maps_are_drawn_where_the_boom_is(two_sides: Callable[..., ExperimentRep
         pytest.approx((-12.4, 129.6)),
         pytest.approx((-18.2, 147.8)),
     )
-
-
-@pytest.fixture
-def flown(tmp_path: Path) -> Path:
-    """A run's folder with the log of an ArduRover."""
-    (tmp_path / "autopilot.bin").symlink_to(CALM)
-    (tmp_path / "summary.json").write_text('{"tasks": [{"missed": 2}, {"missed": 3}]}', encoding="utf-8")
-    (tmp_path / "run.mcap").write_bytes(recording("release-0.1.0"))
-    return tmp_path
-
-
-def recording(name: str) -> bytes:
-    import lzma
-
-    return lzma.decompress((DATA / "recordings" / f"{name}.mcap.xz").read_bytes())
 
 
 @pytest.mark.medium
@@ -639,6 +714,22 @@ def test_the_cloud_is_drawn_from_above_and_from_the_side(monkeypatch: pytest.Mon
         and np.allclose(sorted(two), sorted([(2.5 - along[0], 9.0 - along[1]), (2.5 + along[0], 9.0 + along[1])]))
         for two in ends
     )
+    assert lines(above)["vessel"] == ([0.0], [0.0])
+    names = {text.get_text(): text.xy for text in above.texts}  # type: ignore[attr-defined]
+    assert names["branch"] == pytest.approx((2.5 - along[0], 9.0 - along[1]))
+    # From the side: north, and the height above the water
+    aside = [tuple(place) for points in side_view.collections for place in np.asarray(points.get_offsets()).tolist()]
+    assert (9.0, pytest.approx(0.15)) in aside
+    assert (10.0, pytest.approx(-1.15)) in aside
+    assert (0.0, pytest.approx(-1.15)) in aside
+    (name,) = side_view.texts
+    assert name.xy == pytest.approx((11.2, -1.3))  # type: ignore[attr-defined]
+    assert next(list(line.get_ydata()) for line in side_view.get_lines()) == [0.0, 0.0]
+    (ranges,) = drawn(report, "4.4-proximity")
+    told = lines(ranges)
+    assert told["OBSTACLE_DISTANCE"] == ([10.0, 16.0, -30.0], [9.0, 9.128, 4.0])
+    assert told["branch, its middle"] == ([pytest.approx(15.524, abs=1e-3)], [pytest.approx(math.hypot(9.0, 2.5))])
+    assert told["sunken trunk"] == ([pytest.approx(-21.801, abs=1e-3)], [pytest.approx(math.hypot(10.0, 4.0))])
     (trunk,) = side_view.patches
     half_m = 2.0 * math.cos(math.radians(60.0))
     assert trunk.get_bbox().bounds == pytest.approx((10.0 - half_m, -1.65, 2.0 * half_m, 0.7))  # type: ignore[attr-defined]

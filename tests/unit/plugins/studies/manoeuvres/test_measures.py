@@ -133,3 +133,56 @@ def test_a_response_to_two_waves() -> None:
 def test_the_radius_for_a_share_of_the_time() -> None:
     away = np.linspace(0.0, 10.0, 1001)
     assert radius_of_95_percent(3 + 0 * away, 4 + away, (3.0, 4.0)) == pytest.approx(9.5)
+
+
+def test_a_turn_in_few_samples_counts_from_its_first_heading() -> None:
+    """0.1 rad from one sample to the next on a circle of 8 m, begun at once on course 0.4 rad."""
+    turned = 0.1 * np.arange(80)
+    ahead, aside = 8.0 * np.sin(turned), 8.0 * (1.0 - np.cos(turned))
+    north = ahead * math.cos(0.4) - aside * math.sin(0.4)
+    east = ahead * math.sin(0.4) + aside * math.cos(0.4)
+    found = turning_circle(np.arange(80.0), north, east, 0.4 + turned, np.tile([0.8, 0.0], (80, 1)))
+    assert (found.advance_m, found.transfer_m) == pytest.approx((8.0, 8.0), rel=2e-3)
+    assert found.tactical_diameter_m == pytest.approx(16.0, rel=2e-3)
+    assert found.steady_diameter_m == pytest.approx(16.0)
+    assert found.speed_mps == pytest.approx(0.8)
+
+
+def test_what_is_steady_is_the_last_quarter() -> None:
+    """Slower and with another rate of turn in the last 20 of 80 s, and with a drift outward."""
+    time_s = np.arange(81.0)
+    late = time_s >= 60.0
+    yaw = np.where(late, 60.0 * 0.1 + (time_s - 60.0) * 0.2, 0.1 * time_s)
+    velocity = np.where(late[:, None], [[0.3, 0.4]], [[2.0, 0.0]])
+    found = turning_circle(time_s, 0.0 * time_s, 0.0 * time_s, yaw, velocity)
+    assert (found.rate_radps, found.speed_mps) == pytest.approx((0.2, 0.5))
+    assert found.steady_diameter_m == pytest.approx(5.0)
+    assert found.drift_rad == pytest.approx(-math.atan2(0.4, 0.3))
+
+
+def test_a_straight_course_has_no_diameter() -> None:
+    still = turning_circle(TIME_S, TIME_S, 0 * TIME_S, 0 * TIME_S, np.tile([1.0, 0.0], (len(TIME_S), 1)))
+    assert still.steady_diameter_m == math.inf
+    assert (still.rate_radps, still.advance_m) == (0.0, None)
+
+
+def test_the_spiral_takes_the_last_quarter_of_each_hold() -> None:
+    steering = np.repeat([10.0, -10.0, 5.0], (8, 12, 3))
+    rate = np.concatenate([[9.0] * 6, [1.0, 3.0], [9.0] * 9, [4.0, 5.0, 6.0], [9.0, 9.0, 7.0]])
+    assert spiral(np.arange(23.0), rate, steering) == [(10.0, 2.0), (-10.0, 5.0), (5.0, 7.0)]
+
+
+def test_the_order_of_a_stop_is_at_the_first_sample() -> None:
+    """1 m/s less in each second: to a quarter of 4 m/s after 3 s, on a way with a bend."""
+    north, east = np.array([0.0, 3.0, 3.0, 5.0, 5.0]), np.array([0.0, 0.0, 4.0, 4.0, 4.5])
+    found = stopping(np.arange(10.0, 15.0), north, east, np.array([4.0, 3.0, 2.0, 1.0, 0.0]), left=0.25)
+    assert (found.time_s, found.track_reach_m) == pytest.approx((3.0, 9.0))
+    assert stopping(np.arange(10.0, 15.0), north, east, -np.ones(5)) == Stop(0.0, 0.0)
+
+
+def test_the_overshoot_of_a_swing_that_has_not_returned_is_left_out() -> None:
+    heading = np.radians([0.0, 5.0, 10.0, 13.0, 11.0, 0.0, -10.0, -12.0, -14.0])
+    steering = np.array([10.0, 10.0, -10.0, -10.0, -10.0, -10.0, 10.0, 10.0, 10.0])
+    found = zig_zag(np.arange(9.0), 0.7 + heading, np.full(9, 2.0), steering)
+    assert np.degrees(found.overshoot_rad) == pytest.approx([3.0])
+    assert (found.initial_turn_s, found.initial_turn_m, found.period_s) == (2.0, pytest.approx(4.0), None)

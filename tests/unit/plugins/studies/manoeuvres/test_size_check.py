@@ -24,7 +24,7 @@ from xitl_cli.plugins.studies.manoeuvres.size_check import (
 )
 from xitl_cli.profile import load_profile
 
-LENGTH_M, WIDTH_M, HEIGHT_M, DRAFT_M = 4.0, 1.0, 0.8, 0.4
+LENGTH_M, WIDTH_M, HEIGHT_M, DRAFT_M = 4.0, 1.25, 0.8, 0.4
 MASS_KG = 1000.0 * LENGTH_M * WIDTH_M * DRAFT_M
 SWAY_KG = 0.5 * math.pi * 1000.0 * DRAFT_M**2 * LENGTH_M
 HEAVE_KG = math.pi * 1000.0 * WIDTH_M**2 / 8.0 * LENGTH_M
@@ -244,7 +244,8 @@ def test_propellers() -> None:
     wide = ("propeller.diameter", "vehicle.propellers.0.diameter_m")
     assert (at_size(driven(diameter_m=0.6)), at_size(driven(diameter_m=0.61))) == ([], [wide])  # 1.5 drafts
     in_air = {"medium": "air", "position_frd_m": (-1.9, 0.0, -1.0)}
-    assert (at_size(driven(diameter_m=1.0, **in_air)), at_size(driven(diameter_m=1.01, **in_air))) == ([], [wide])
+    assert at_size(driven(diameter_m=WIDTH_M, **in_air)) == []
+    assert at_size(driven(diameter_m=1.01 * WIDTH_M, **in_air)) == [wide]
     for name in ("spin_up_s", "spin_down_s"):  # 10 s by the root of 4 m
         late = ("propeller.lag", f"vehicle.propellers.0.{name}")
         assert (at_size(driven(**{name: 20.0})), at_size(driven(**{name: 20.1}))) == ([], [late])
@@ -393,4 +394,14 @@ def test_keys_of_added_mass_and_forces(tanker: VesselSpec) -> None:
     assert [force_key(damped, 5, 5, speed_mps) for speed_mps in (1.4, 1.6)] == [
         "vehicle.damping_linear.yaw",
         "vehicle.damping_quadratic.yaw",
+    ]
+
+
+def test_without_a_munk_moment_nothing_has_to_contain_it() -> None:
+    """A body with the same added mass ahead and across has none."""
+    model = box(derivatives={"Y_vv": -1.0}, derivatives_contain="coriolis")
+    even = {0: 0.3 * SWAY_KG, 1: 0.3 * SWAY_KG}
+    assert under_way(model, drift=-1.0, added=even) == []
+    assert under_way(model, drift=-1.0, added={0: 0.3 * SWAY_KG, 1: 0.31 * SWAY_KG}) == [
+        ("derivatives.no_munk", "vehicle.derivatives_contain")
     ]

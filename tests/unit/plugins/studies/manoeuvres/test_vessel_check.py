@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -266,3 +268,96 @@ def test_a_helmsman_brings_the_bow_back(rest: AtRest) -> None:
     """An unstable course would be left for rounding before the speed is steady: the bow is off to starboard here."""
     port, starboard = rest.helm.straight(0.8, math.radians(5), 0.0)
     assert 0 < port < starboard == pytest.approx(0.8)  # the starboard one turns the bow to port
+
+
+def with_propellers(vessel: VesselSpec, **changed: Any) -> VesselSpec:
+    return replace(vessel, propellers=tuple(replace(one, **changed) for one in vessel.propellers))
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(
+    ("change", "rule", "key", "words"),
+    [
+        (
+            lambda v: with_propellers(v, max_reverse_thrust_n=0.0),
+            "thrust.reverse",
+            "vehicle.propellers",
+            "by drag alone",
+        ),
+        (
+            lambda v: with_propellers(v, max_reverse_thrust_n=1.06 * (v.propellers[0].max_thrust_n or 0.0)),
+            "thrust.reverse",
+            "vehicle.propellers",
+            "astern is 1.06 times the thrust ahead",
+        ),
+        (
+            lambda v: replace(v, propellers=(replace(v.propellers[0], position_frd_m=(-0.3, 0.0, -0.1)),)),
+            "steering.none",
+            "vehicle.propellers",
+            "nothing turns the vessel",
+        ),
+        (
+            lambda v: replace(v, stern_force="off", damping_linear=replace(v.damping_linear, yaw=0.05)),
+            "course.unstable",
+            "vehicle.stern_force",
+            "its course is unstable from",
+        ),
+        (
+            lambda v: replace(v, centre_of_gravity_frd_m=(0.12, 0.0, 0.0)),
+            "rest.trim",
+            "vehicle.centre_of_gravity_frd_m",
+            "has a trim of -",
+        ),
+        (
+            lambda v: replace(v, centre_of_gravity_frd_m=(0.0, 0.04, 0.0)),
+            "rest.heel",
+            "vehicle.centre_of_gravity_frd_m",
+            "has a heel of ",
+        ),
+    ],
+)
+def test_behaviour_that_looks_wrong(
+    change: Callable[[VesselSpec], VesselSpec], rule: str, key: str, words: str, model: VesselSpec, checked: VesselCheck
+) -> None:
+    assert rule not in {finding.rule for finding in checked.findings}
+    found = {finding.rule: finding for finding in check_vessel(change(model)).findings}
+    assert rule in found
+    assert found[rule].key == key
+    assert words in found[rule].sentence
+
+
+@pytest.mark.medium
+def test_a_little_more_thrust_astern_than_ahead_is_no_finding(model: VesselSpec) -> None:
+    ahead_n = model.propellers[0].max_thrust_n
+    assert ahead_n is not None
+    named = {
+        finding.rule for finding in check_vessel(with_propellers(model, max_reverse_thrust_n=1.04 * ahead_n)).findings
+    }
+    assert "thrust.reverse" not in named
+
+
+@pytest.mark.medium
+def test_a_boat_below_the_hump_of_its_waves_is_no_finding(model: VesselSpec, checked: VesselCheck) -> None:
+    """Half of a Froude number of 1 for the length: the drag of the sound boat lets it go beyond."""
+    assert "froude.high" in {finding.rule for finding in checked.findings}
+    braked = check_vessel(replace(model, damping_quadratic=replace(model.damping_quadratic, surge=30.0)))
+    froude = braked.values["top_speed_froude"]
+    assert isinstance(froude, float)
+    assert froude < 0.5
+    assert "froude.high" not in {finding.rule for finding in braked.findings}
+
+
+@pytest.mark.medium
+def test_the_worst_findings_come_first(model: VesselSpec) -> None:
+    found = check_vessel(with_propellers(model, max_reverse_thrust_n=0.0), Demands(mission_speed_mps=9.0)).findings
+    severities = [finding.severity for finding in found]
+    assert severities == sorted(severities, reverse=True)
+    assert len(set(severities)) == 2
+
+
+def test_a_vessel_that_does_not_float_is_refused_with_what_may_have_caused_it(model: VesselSpec) -> None:
+    hull = model.hull
+    assert hull is not None
+    heavy = replace(model, mass_kg=900.0, centre_of_gravity_frd_m=(0.0, 0.0, hull.keel_below_cg_m + 0.5))
+    with pytest.raises(ValueError, match=r"sinks.*; vehicle\.centre_of_gravity_frd_m\.2: the centre of gravity is"):
+        check_vessel(heavy)
