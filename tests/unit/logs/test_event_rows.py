@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 from made_log import MadeLog, MadeTable
 
+import xitl_cli.logs.signals as signals
 from tests.golden import Golden
 from xitl_cli.logs.model.sections import Finding, Section, Severity
 from xitl_cli.plugins.logs.analyses.events import analyse
@@ -132,3 +133,10 @@ def test_a_log_with_nothing_to_tell_says_so() -> None:
     found = analyse(MadeLog(END))
     assert found is not None
     assert found.lacks
+
+
+def test_messages_of_a_run_have_the_severity_of_their_level() -> None:
+    """foxglove.Log: 1 debug, 2 info, 3 warning, 4 error, 5 fatal; 0 is unknown."""
+    table = MadeTable("/log", [level * S for level in range(6)], {"message": list("abcdef"), "level": range(6)})
+    found = signals.texts(MadeLog(table, kind="mcap", base="simulation"))
+    assert [text.severity for text in found] == [None, 7, 6, 4, 3, 2]  # MAV_SEVERITY

@@ -47,6 +47,7 @@ def test_a_plot_has_the_values_over_time_in_its_folder(page: ViewPage) -> None:
     assert drawn(page, SPEED) == [[0.0, 0.5, 1.5], [1.0, 1.5, 2.5]]
     assert page[SPEED].folder == "Plots"
     assert vars(page[SPEED])["series"][1]["stroke"] == COLOURS[0]
+    assert vars(page[SPEED])["scales"]["x"]["time"] is False  # seconds of the run, no dates
     assert "battery V" not in page  # the instruments show it
 
 

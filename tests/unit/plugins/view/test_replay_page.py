@@ -55,6 +55,10 @@ def test_a_page_plays_the_span_with_its_events_and_findings(
     findings = [finding(4.0, "</script>")]
     page = replay_html(recording, from_s=3.0, to_s=5.2, findings=findings, view="above", at_s=4.5, dark=True)
     assert drawn == pytest.approx([3.0 + 2.2 * step / 5 for step in range(6)])  # at least two a second
+    drawn.clear()
+    monkeypatch.setattr(replay_page, "MOST_INSTANTS", 3)
+    replay_html(recording, from_s=3.0, to_s=5.2, findings=[])
+    assert drawn == pytest.approx([3.0 + 2.2 * step / 3 for step in range(4)])
     data = data_of(page)
     assert (data["begin_s"], data["duration_s"], data["view"], data["at_s"]) == (3.0, 2.2, "above", 4.5)
     assert data["findings"][0]["sentence"] == "</script>"
