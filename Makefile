@@ -144,9 +144,9 @@ bench-compare: $(VENV)/.dev  ## two results or two commits in pairs, with interv
 bench-pages: $(VENV)/.dev  ## keep the results in KEEP=file, and write the tables of speed in docs/
 	PYTHONPATH=. $(BIN)/python tools/write_bench.py $(KEEP)
 
-bench-analyze: $(VENV)/.dev  ## how often `xitl logs analyze` names the right cause (SEEDS=first-last, ONLY=word, OUT=file), or keep the results in KEEP=file
+bench-analyze: $(VENV)/.dev  ## how often `xitl logs analyze` names the right cause (SEEDS=first-last, ONLY=word, OUT=file; ARDUPILOT=1: with a stock ArduPilot), or keep the results in KEEP=file
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench.analyze $(if $(SEEDS),--seeds $(SEEDS)) $(if $(ONLY),--only "$(ONLY)") \
-		$(if $(OUT),--out "$(OUT)") $(if $(KEEP),--keep "$(KEEP)")
+		$(if $(ARDUPILOT),--ardupilot) $(if $(OUT),--out "$(OUT)") $(if $(KEEP),--keep "$(KEEP)")
 
 bench-identify: $(VENV)/.dev  ## errors of `xitl identify vessel`, and how often two standard errors contain the truth (SEEDS=first-last)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench.identify $(if $(SEEDS),--seeds $(SEEDS))
@@ -166,7 +166,7 @@ paper: $(VENV)/.dev  ## the paper's experiments, and their tables and figures in
 soak: $(VENV)/.dev  ## ten minutes at 2000 messages a second: what was lost
 	$(BIN)/python -m tests.bench.soak
 
-soak-long: $(VENV)/.dev  ## hours of hitl-loopback with stations, companion, view and faults: memory, files, counts (HOURS=2 SEED=1)
+soak-long: $(VENV)/.dev  ## hours of hitl-loopback with stations, companion, view, browser and faults: memory, files, counts (HOURS=2 SEED=1)
 	$(BIN)/python -m tests.bench.soak_long $(if $(HOURS),--hours $(HOURS)) $(if $(SEED),--seed $(SEED))
 
 chaos: $(VENV)/.dev  ## random events against host, autopilot and companion, and what holds after each (SEED=1 EVENTS=200)

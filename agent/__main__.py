@@ -11,11 +11,13 @@ from contextlib import ExitStack, suppress
 import agent
 from agent.assembly import REFUSALS, assemble
 from agent.board.startup import notify_ready
-from agent.options import WAITS_AT, parse
+from agent.options import COMPANION, WAITS_AT, parse
 from agent.timing.realtime import set_up
 from agent.wire.transport import open_transport
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
+_RETURNED_BYTES = 128 * 1024  # as glibc begins
 _COLLECT_AFTER = 20_000
 """Objects that are created between two garbage collections. A cloud is thousands, and Python's 700 collect ten times
 among them."""
@@ -40,6 +42,8 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
             options = parse(arguments, program)
             if options.attached:
                 end_with_parent(parent)
+            if options.role == COMPANION:
+                return_freed_memory()
             transport = opened.enter_context(open_transport(options.link, listen=True))
             node = assemble(transport, options, opened, say)
         except REFUSALS as error:
@@ -63,6 +67,20 @@ def say(sentence: str) -> None:
     with suppress(OSError, ValueError):
         sys.stdout.write(f"{sentence}\n")
         sys.stdout.flush()
+
+
+def return_freed_memory() -> None:
+    """Make glibc return freed arrays to the system. Does nothing with other C libraries.
+
+    Without it, glibc raises its limits when a large array is freed. The heap then keeps the working memory of the
+    largest plan and cloud so far (mallopt(3), M_MMAP_THRESHOLD and M_TRIM_THRESHOLD).
+    """
+    import ctypes
+
+    with suppress(AttributeError, OSError, TypeError):  # TypeError: Windows has no library of the process
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(_M_MMAP_THRESHOLD, _RETURNED_BYTES)
+        mallopt(_M_TRIM_THRESHOLD, _RETURNED_BYTES)
 
 
 def end_with_parent(parent: int) -> None:

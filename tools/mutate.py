@@ -6,11 +6,12 @@
     make mutate COUNT=60 SEED=1    so many changes at random places of all packages, or of FILES; the seed repeats them
 
 Cosmic Ray makes the mutants, in a clone under build/, so that the checkout stays as it is. Coverage.py measures first
-which tests execute which line: all fast and medium tests for random places, which build/ keeps for the commit, else the
-unit tests that import the files or are of their packages. Each mutant is tested with the tests that execute its
-statement, then with the others of the same files, then by the type checker, as `make types` does. Tests that a mutant
-keeps beyond a limit are ended, which counts as killed; those mutants are printed too, because they need a look: did the
-mutation loop? Exit status 1 means that a mutant survived.
+which tests execute which line: all fast and medium tests for random places, else the unit tests that import the files
+or are of their packages. build/ keeps the measurement of all tests. For later commits, only the tests of what they
+changed are measured. Each mutant is tested with the tests that execute its statement, then with the others of the same
+files, then by the type checker, as `make types` does. Tests that a mutant keeps beyond a limit are ended, which counts
+as killed; those mutants are printed too, because they need a look: did the mutation loop? Exit status 1 means that a
+mutant survived.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import subprocess
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator
-from difflib import unified_diff
+from difflib import SequenceMatcher, unified_diff
 from functools import cache
 from importlib.util import cache_from_source
 from pathlib import Path
@@ -50,6 +51,7 @@ MOST_PROCESSOR_S, MOST_S = (20.0, 2.0), (60.0, 4.0)
 """A mutant may loop or wait without end: seconds, and further ones for each second that its tests take without it."""
 MOST_BYTES = 8 * 1024**3
 """A mutant that loops may fill the memory."""
+PASSED = (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
 PLACES_A_FILE = 3
 """Random places in a file. To list the mutants of a file takes as long as some tests."""
 COVERAGE = """\
@@ -65,6 +67,8 @@ branch = "{base}"
 """
 DATACLASS_FLAG = re.compile(r"@dataclass\([^)]*\b(?:frozen|slots)=$")
 """Up to a flag that changes nothing for correct code."""
+LARGEST_NUMBER = 100
+"""Cosmic Ray adds or subtracts 1. For larger numbers that is less than 1 %, which no sensible tolerance tells."""
 DOTTED_EXCEPTION = re.compile(r"\s*except\b[^:#]*\w\.\w")
 """Cosmic Ray fails to replace such a name."""
 BITS = re.compile(r"BinaryOperator_(?:Add|Sub|Mul|Div|FloorDiv|Mod|Pow)_(?:[LR]Shift|Bit\w+)$")
@@ -106,9 +110,11 @@ def main() -> int:
     os.environ["PYTHONPATH"] = sys.path[0] = str(CLONE)  # the clone's modules, not the installed ones
     del sys.modules["tools"]
     if anywhere:
-        suite = SuiteMap(BUILD / head, [])
+        suite = SuiteMap.of_whole_suite(head)
     else:
-        suite = SuiteMap(BUILD / "part", sorted({test for file in files for test in tests_of(file)}))
+        part = BUILD / "part"
+        part.with_suffix(".txt").unlink(missing_ok=True)
+        suite = SuiteMap(Measurement(part, sorted({test for file in files for test in tests_of(file)})))
     if not types_are_right():
         sys.exit("the type checker finds errors without a mutant: make types")
     if options.count:
@@ -162,45 +168,84 @@ def clone_head() -> str:
     return head
 
 
-class SuiteMap:
-    """Which tests execute which lines, and how long each test takes."""
+class Measurement:
+    """Which tests executed which lines of a commit, and how long each test took."""
 
-    def __init__(self, kept: Path, tests: list[str]) -> None:
+    def __init__(self, kept: Path, tests: Collection[str] = (), commit: str = "HEAD") -> None:
         """Measure these tests once, or read what an earlier call kept. Tests that fail are printed and left out.
 
-        kept: path of the files without suffix. tests: arguments of pytest; none means the whole suite, whose map is
-        kept for the commit.
+        kept: path of the files without suffix. tests: arguments of pytest; none means the whole suite.
         """
         from coverage import CoverageData
 
+        self._commit = commit
         data, report = kept.with_suffix(".coverage"), kept.with_suffix(".txt")
-        if tests or not report.exists():
+        if not report.exists():
             configuration = BUILD / "coverage.ini"
             configuration.write_text(COVERAGE.format(source=",".join(PRODUCT), omit=GENERATED))
             measured = ["--cov", f"--cov-config={configuration}", "--cov-context=test", "--cov-report="]
             timed = ["--durations=0", "--durations-min=0", "-rfE"]
-            run = subprocess.run(
-                [sys.executable, "-m", "pytest", *PYTEST, *measured, *timed, *(tests or ("-n", "auto"))],
-                env={**os.environ, "COVERAGE_FILE": str(data)},
-                stdout=subprocess.PIPE,
-                text=True,
-                check=False,
-            )
-            if run.returncode not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
-                sys.exit(f"the tests without a mutant ended with status {run.returncode}:\n{run.stdout}")
-            report.write_text(run.stdout)
+            data.unlink(missing_ok=True)
+            reports = []
+            for group in alike(tests) or [[]]:
+                run = subprocess.run(
+                    [sys.executable, "-m", "pytest", *PYTEST, *measured, "--cov-append", *timed, "-n", "auto", *group],
+                    env={**os.environ, "COVERAGE_FILE": str(data)},
+                    stdout=subprocess.PIPE,
+                    text=True,
+                    check=False,
+                )
+                if run.returncode not in (*PASSED, pytest.ExitCode.TESTS_FAILED):
+                    sys.exit(f"the tests without a mutant ended with status {run.returncode}:\n{run.stdout}")
+                reports.append(run.stdout)
+            report.write_text("\n".join(reports))
         self._data = CoverageData(str(data))
         self._data.read()
         failed = set(FAILED.findall(report.read_text()))
         for test in sorted(failed):
             print(f"{test}: left out, because it fails without a mutant")
-        self._times_s: dict[str, float] = defaultdict(float)
+        self.times_s: dict[str, float] = defaultdict(float)
         for seconds, test in TIME.findall(report.read_text()):
             if test not in failed:
-                self._times_s[test] += float(seconds)
+                self.times_s[test] += float(seconds)
+
+    def tests_by_line(self, file: str) -> dict[int, set[str]]:
+        """Return the tests that executed each line of a file that is still the same, by its number now."""
+        contexts = self._data.contexts_by_lineno(file)
+        return {
+            now: {context.partition("|")[0].partition("[")[0] for context in contexts[before]}
+            for before, now in unchanged_lines(self._commit, file)
+            if before in contexts
+        }
+
+
+class SuiteMap:
+    """Which tests execute which lines, and how long each test takes."""
+
+    def __init__(self, *measured: Measurement) -> None:
+        """measured: each replaces what those before it have of the same files of tests."""
+        self._measured = measured
+        self._times_s: dict[str, float] = defaultdict(float)
+        for one in measured:
+            again = {*map(file_of, one.times_s)}
+            kept = {test: time_s for test, time_s in self._times_s.items() if file_of(test) not in again}
+            there = {test: time_s for test, time_s in one.times_s.items() if file_of(test) in _test_files()}
+            self._times_s = defaultdict(float, kept | there)
         shortest = min(self._times_s, key=self._times_s.__getitem__, default="")
         if not shortest or run_tests([shortest], self) != "passed":
-            sys.exit(f"no test passes without a mutant; see {report}")
+            sys.exit("no test passes without a mutant")
+
+    @classmethod
+    def of_whole_suite(cls, head: str) -> SuiteMap:
+        """Measure all tests, or only those that changed since an earlier commit of which all were measured."""
+        kept = [path for path in BUILD.glob("*.txt") if is_ancestor(path.stem, head)]
+        if not kept:
+            return cls(Measurement(BUILD / head))
+        newest = max(kept, key=lambda path: path.stat().st_mtime)
+        before = Measurement(newest, commit=newest.stem)
+        named = git(CLONE, "diff", "--name-only", "--diff-filter=d", newest.stem, head, "--", *PRODUCT, "tests").split()
+        changed = {test for name in named for test in ([name] if name in _test_files() else importing_tests(name))}
+        return cls(before, Measurement(BUILD / f"{head}-changed", sorted(changed))) if changed else cls(before)
 
     def tests_at(self, mutation: MutationSpec) -> list[str]:
         """Return the tests that execute a mutated statement, the shortest first.
@@ -209,10 +254,13 @@ class SuiteMap:
         those of the test files that import it.
         """
         file = str(mutation.module_path)
-        contexts = self._data.contexts_by_lineno(file)
+        executing: dict[int, set[str]] = defaultdict(set)
+        for one in self._measured:
+            for line, those in one.tests_by_line(file).items():
+                executing[line] |= those
         first, in_function = statement_at(Path(file), mutation.start_pos[0])
-        lines = range(first, mutation.end_pos[0] + 1) if in_function else contexts
-        tests = {context.partition("|")[0].partition("[")[0] for line in lines for context in contexts.get(line, ())}
+        lines = range(first, mutation.end_pos[0] + 1) if in_function else executing
+        tests = {test for line in lines for test in executing.get(line, ())}
         if not in_function:
             tests |= self._tests_in(importing_tests(file))
         return self._shortest_first(tests)
@@ -223,11 +271,11 @@ class SuiteMap:
         They may notice a mutant too: coverage ascribes a fixture of a module or a cached value to its first user alone,
         and sees no other process.
         """
-        files = {test.partition("::")[0] for test in tests}.union(importing_tests(file))
+        files = {file_of(test) for test in tests}.union(importing_tests(file))
         return self._shortest_first(self._tests_in(files).difference(tests))
 
     def _tests_in(self, files: Collection[str]) -> set[str]:
-        return {test for test in self._times_s if test.partition("::")[0] in files}
+        return {test for test in self._times_s if file_of(test) in files}
 
     def _shortest_first(self, tests: set[str]) -> list[str]:
         return sorted(tests & self._times_s.keys(), key=self._times_s.__getitem__)
@@ -258,8 +306,8 @@ def mutate(file: str, items: list[WorkItem], suite: SuiteMap) -> Survival:
         executing = suite.tests_at(mutation)
         others = suite.tests_near(file, executing)
         parts = [
-            suite.affordable([test for test in executing if test.partition("::")[0] in near]),
-            suite.affordable([test for test in executing if test.partition("::")[0] not in near]),
+            suite.affordable([test for test in executing if file_of(test) in near]),
+            suite.affordable([test for test in executing if file_of(test) not in near]),
             suite.affordable(others),
         ]
         operator = get_operator(mutation.operator_name)()
@@ -311,11 +359,21 @@ def run_tests(tests: list[str], suite: SuiteMap) -> Literal["passed", "failed", 
         quiet = os.open(os.devnull, os.O_RDWR)
         for stream in range(3):
             os.dup2(quiet, stream)
-        os._exit(pytest.main([*PYTEST, "-x", *tests]))
+        codes = (int(pytest.main([*PYTEST, "-x", *group])) for group in alike(tests))
+        os._exit(next((code for code in codes if code not in PASSED), 0))
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if code in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+    if code in PASSED:
         return "passed"
     return "ended" if code in (-signal.SIGALRM, -signal.SIGKILL, -signal.SIGXCPU) else "failed"
+
+
+def alike(tests: Collection[str]) -> list[list[str]]:
+    """Return tests in groups that one call of pytest can run.
+
+    Those of tests/e2e import names from their conftest, which that of tests/unit hides if both are given.
+    """
+    ends = [test for test in tests if test.startswith("tests/e2e/")]
+    return [group for group in (ends, [test for test in tests if test not in ends]) if group]
 
 
 def statement_at(file: Path, line: int) -> tuple[int, bool]:
@@ -339,8 +397,9 @@ def mutants_of(file: str, base: str | None) -> list[WorkItem]:
     """Return the mutants of a file, or of its lines that differ from `base`.
 
     Left out are those of `X | Y` in annotations, because nothing evaluates them; bit operators in place of
-    arithmetic, because floats refuse them, so that any test that executes the line would kill them; and `frozen` and
-    `slots` of dataclasses, because they change nothing for code that keeps to its types.
+    arithmetic, because floats refuse them, so that any test that executes the line would kill them; `frozen` and
+    `slots` of dataclasses, because they change nothing for code that keeps to its types; and numbers beyond
+    LARGEST_NUMBER.
     """
     from cosmic_ray.commands import init
     from cosmic_ray.work_db import use_db
@@ -355,14 +414,7 @@ def mutants_of(file: str, base: str | None) -> list[WorkItem]:
             program = Path(sys.executable).parent / "cr-filter-git"
             subprocess.run([program, "--config", configuration, session], check=True)
         unions, lines = list(_annotations(Path(file))), Path(file).read_text(encoding="utf-8").split("\n")
-        return [
-            item
-            for item in database.pending_work_items
-            if not _is_in(unions, item.mutations[0])
-            and not BITS.search(item.mutations[0].operator_name)
-            and not DOTTED_EXCEPTION.match(lines[item.mutations[0].start_pos[0] - 1])
-            and not DATACLASS_FLAG.search(_before(lines, item.mutations[0]))
-        ]
+        return [item for item in database.pending_work_items if _can_matter(item.mutations[0], unions, lines)]
 
 
 def random_mutants(items: list[WorkItem], draw: random.Random) -> list[WorkItem]:
@@ -374,10 +426,20 @@ def random_mutants(items: list[WorkItem], draw: random.Random) -> list[WorkItem]
     return [draw.choice(places[place]) for place in chosen]
 
 
-def _before(lines: list[str], mutation: MutationSpec) -> str:
-    """Return what is before a mutation on its line."""
-    line, column = mutation.start_pos
-    return lines[line - 1][:column]
+def _can_matter(mutation: MutationSpec, unions: list[tuple[Position, Position]], lines: list[str]) -> bool:
+    """Whether a test could tell the mutation; see `mutants_of`."""
+    (first, begin), (_, end) = mutation.start_pos, mutation.end_pos
+    line = lines[first - 1]
+    return not (
+        _is_in(unions, mutation)
+        or BITS.search(mutation.operator_name)
+        or DOTTED_EXCEPTION.match(line)
+        or DATACLASS_FLAG.search(line[:begin])
+        or (
+            mutation.operator_name.endswith("NumberReplacer")
+            and abs(ast.literal_eval(line[begin:end])) > LARGEST_NUMBER
+        )
+    )
 
 
 def _is_in(unions: list[tuple[Position, Position]], mutation: MutationSpec) -> bool:
@@ -419,6 +481,30 @@ def _test_files() -> dict[str, str]:
     """Return the texts of all tests by their paths."""
     tests = sorted((ROOT / "tests").rglob("test_*.py"))
     return {str(test.relative_to(ROOT)): test.read_text(encoding="utf-8") for test in tests}
+
+
+def file_of(test: str) -> str:
+    return test.partition("::")[0]
+
+
+@cache
+def unchanged_lines(commit: str, file: str) -> list[tuple[int, int]]:
+    """Return the numbers of each line of a file that is as at a commit: at that time, and now."""
+    now = git(CLONE, "show", f"HEAD:{file}")
+    try:
+        before = git(CLONE, "show", f"{commit}:{file}")
+    except subprocess.CalledProcessError:  # a new file
+        return []
+    blocks = SequenceMatcher(None, before.split("\n"), now.split("\n"), autojunk=False).get_matching_blocks()
+    return [(old + line, new + line) for old, new, size in blocks for line in range(1, size + 1)]
+
+
+def is_ancestor(commit: str, head: str) -> bool:
+    """Whether this is the name of a commit, and `head` is the same or a later one."""
+    run = subprocess.run(
+        ["git", "merge-base", "--is-ancestor", commit, head], cwd=CLONE, check=False, stderr=subprocess.DEVNULL
+    )
+    return run.returncode == 0
 
 
 def git(where: Path, *arguments: str) -> str:

@@ -21,7 +21,7 @@ from agent.companion.tracking import ObstacleTrack
 Array = NDArray[np.float64]
 
 STEP_S = 0.4
-_POINTS_AT_ONCE = 16
+_POINTS_AT_ONCE = 8
 _TURN_RADPS = math.radians(TUNED.course_turn_degps)
 
 
@@ -212,12 +212,14 @@ def _from_tracks_m(sailed: Array, around: Obstacles) -> Array:
 def _from_points_m(sailed: Array, points_ne_m: Array) -> Array:
     if not len(points_ne_m):
         return np.full(sailed.shape[:2], 1e3)
-    # A few points at once: products with all of them are megabytes of another size in each plan, which the heap keeps.
+    # A few points at once, in one array: products with all of them are megabytes in each plan, which the heap keeps.
     flat = np.ascontiguousarray(sailed.reshape(-1, 2).T)
     nearest = np.full(flat.shape[1], np.inf)
+    products = np.empty((_POINTS_AT_ONCE, flat.shape[1]))
     for first in range(0, len(points_ne_m), _POINTS_AT_ONCE):
         points = points_ne_m[first : first + _POINTS_AT_ONCE]
-        square = (points**2).sum(axis=1)[:, None] - 2.0 * points @ flat
+        square = np.matmul(-2.0 * points, flat, out=products[: len(points)])
+        square += (points**2).sum(axis=1)[:, None]
         np.minimum(nearest, square.min(axis=0), out=nearest)
     gap: Array = np.sqrt(np.maximum(nearest + (flat**2).sum(axis=0), 0.0)).reshape(sailed.shape[:2])
     return gap

@@ -193,11 +193,12 @@ def echo_samples(ping: SonarPing, rise: float, nearest_m: float) -> NDArray[int6
     place = np.arange(count)
     near = _mean(total, np.maximum(place - guard - training, 0), np.maximum(place - guard, 0))
     far = _mean(total, np.minimum(place + guard + 1, count), np.minimum(place + guard + 1 + training, count))
+    rising = np.diff(level, prepend=-1.0) > 0.0  # the first of equal ones
+    peaks = np.flatnonzero(rising & (level >= np.maximum(near, far) + rise) & (place >= start))
     padded = np.pad(level, guard, constant_values=-1.0)
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * guard + 1)
-    highest = level >= around.max(axis=1)
-    highest[1:] &= level[1:] > level[:-1]  # the first of equal ones
-    peaks = np.flatnonzero(highest & (level >= np.maximum(near, far) + rise) & (place >= start))
+    # numpy's sliding windows intern a string per call, and Python's table of interned strings grows with them.
+    highest = padded[peaks[:, None] + np.arange(2 * guard + 1)].max(axis=1)
+    peaks = peaks[level[peaks] >= highest]
     before = np.maximum(peaks[:, None] + np.arange(-guard, 1), start)
     first = np.argmax(level[before] >= level[peaks, None] - FLANK, axis=1)
     return np.unique(before[np.arange(len(peaks)), first])

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 COMPONENTS, VELOCITIES = "XYZKMN", "uvwpqr"
 _NAME = re.compile(r"([XYZKMN])_(?:([uvwpqr])dot|((?:[uvwpqr]|\|[uvwpqr]\|){1,3}))")
-_FACTOR = re.compile(r"\|?([uvwpqr])(\|?)")
+_FACTOR = re.compile(r"\|([uvwpqr])\||([uvwpqr])")
 
 
 class Derivative(NamedTuple):
@@ -57,7 +57,7 @@ def parse_derivative(name: str) -> Derivative:
     component, acceleration, product = match.groups()
     if acceleration is not None:
         return Derivative(COMPONENTS.index(component), VELOCITIES.index(acceleration), ())
-    letters = [(letter, bool(bar)) for letter, bar in _FACTOR.findall(product)]
+    letters = [(magnitude or plain, bool(magnitude)) for magnitude, plain in _FACTOR.findall(product)]
     if len(letters) == 2 and not any(bar for _, bar in letters):
         # The first factor is a magnitude if the plain product would push to the same side for both directions.
         odd = {"X": "u", "Y": "vpr", "K": "vpr", "N": "vpr"}.get(component, "wq")

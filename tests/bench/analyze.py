@@ -40,6 +40,8 @@ from xitl_cli.logs.report.model import Report
 
 FORMAT = 3
 KEPT = Path(__file__).with_name("analyze_measured.jsonl")
+KEPT_ARDUPILOT = KEPT.with_name("analyze_measured_ardupilot.jsonl")
+"""Results with the stock ArduPilot, so that each autopilot is measured at its own commit."""
 PAGE = ROOT / "docs" / "logs.md"
 BEGIN, END = "<!-- analyze -->", "<!-- end of analyze -->"
 NOT_MEASURED = "No complete measurement is kept yet."
@@ -48,6 +50,7 @@ EARLY_S = 3.0
 EXCLUSIVE = (("attitude.overturned", "attitude.doubtful"), ("attitude.contact", "attitude.upright"))
 """Findings of which at most one is right in these runs."""
 RUNS_OF_A_WORKER = 16
+_STOPPED = ("interrupted", "failed")
 BOTH, OWN_LOG = "recording and log", "log"
 """Files of a run: the recording with the autopilot's log, and the log alone, which is all that a real vessel has."""
 
@@ -63,9 +66,13 @@ class AnalyzeResults:
     def seeds(self) -> list[int]:
         return sorted({outcome.seed for outcome in self.outcomes[BOTH]})
 
+    @property
+    def of_ardupilot(self) -> bool:
+        return any(outcome.case.startswith(ARDUPILOT) for outcome in self.outcomes[BOTH])
+
 
 class ResultsFile:
-    """JSON lines: the run of the bench, then a line for each case."""
+    """JSON lines: the run of the bench, then a line for each case, all of one autopilot."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -119,13 +126,19 @@ def carry_out(case: Case, folder: Path) -> dict[str, Outcome]:
 
     run = folder / case.run_name
     profile = folder / f"{case.run_name}.yaml"
-    known = (run / "summary.json").exists() and profile.exists()
+    known = _finished(run) and profile.exists()
     if not known or yaml.safe_load(profile.read_text(encoding="utf-8")) != case.document:
         profile.write_text(yaml.safe_dump(dict(case.document), sort_keys=False), encoding="utf-8")
         xitl.simulate(profile, out=run, overwrite=True)
     blind = [analysis for analysis in log_analyses() if analysis.name != "faults"]
     both, own = (build_report([path], blind, overview=False) for path in (run, run / "autopilot.bin"))
     return {BOTH: judge(case, both, case.causes), OWN_LOG: judge(case, own, case.causes_in_log)}
+
+
+def _finished(run: Path) -> bool:
+    """Whether the run reached its end: a stopped measurement leaves an interrupted one."""
+    summary = run / "summary.json"
+    return summary.exists() and json.loads(summary.read_text(encoding="utf-8"))["ended"] not in _STOPPED
 
 
 def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
@@ -138,8 +151,9 @@ def judge(case: Case, report: Report, causes: Sequence[str]) -> Outcome:
         for worst, each in groups
         if worst >= Severity.WARNING or (case.notice and each.right and worst >= Severity.NOTICE)
     ]
-    contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, causes)}
     keys = {placed.finding.key for placed in report.findings}
+    contradictions = {placed.finding.key for placed in report.findings if is_contradicted(placed.finding, causes)}
+    contradictions -= set(case.fine)
     contradictions |= {" and ".join(pair) for pair in EXCLUSIVE if keys.issuperset(pair)}
     return Outcome(
         case.name, case.group, case.seed, case.onset_s, tuple(named), bool(causes), tuple(sorted(contradictions))
@@ -190,31 +204,30 @@ def _line(of: Outcome) -> str:
 
 
 def tables(results: AnalyzeResults) -> str:
-    """The text between the marks of docs/logs.md."""
-    both, own = (
-        [outcome for outcome in results.outcomes[files] if not outcome.case.startswith(ARDUPILOT)]
-        for files in (BOTH, OWN_LOG)
-    )
-    ardupilot = [outcome for outcome in results.outcomes[BOTH] if outcome.case.startswith(ARDUPILOT)]
+    """The tables of one autopilot."""
+    both, own = results.outcomes[BOTH], results.outcomes[OWN_LOG]
     seeds = ", ".join(str(seed) for seed in results.seeds)
-    every = sum(len(list(cases(seed))) for seed in results.seeds)
-    parts = [
-        f"`make bench-analyze` measured {len(both)} of the {every} cases of the seeds {seeds} at commit "
-        f"{results.run.commit[:8]}, from the recording and the autopilot's log:",
-        score_table(both),
-        "From the autopilot's log alone:",
-        score_table(own),
-        "Runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
-        confusion_table(both, group_of_findings()),
-    ]
-    if ardupilot:
-        parts += [f"{len(ardupilot)} cases with a stock ArduPilot, from both files:", score_table(ardupilot)]
-    return "\n\n".join(parts)
+    option, autopilot, cases_of = (
+        (" ARDUPILOT=1", " with a stock ArduPilot", ardupilot_cases) if results.of_ardupilot else ("", "", cases)
+    )
+    every = sum(len(list(cases_of(seed))) for seed in results.seeds)
+    return "\n\n".join(
+        (
+            f"`make bench-analyze{option}` measured {len(both)} of the {every} cases{autopilot} of the seeds "
+            f"{seeds} at commit {results.run.commit[:8]}, from the recording and the autopilot's log:",
+            score_table(both),
+            "From the autopilot's log alone:",
+            score_table(own),
+            "Runs by their cause (rows) and by the first cause that `analyze` named from both files (columns):",
+            confusion_table(both, group_of_findings()),
+        )
+    )
 
 
 def kept_tables() -> str:
-    """The text of the kept results, or that there are none."""
-    return tables(ResultsFile(KEPT).read()) if KEPT.exists() else NOT_MEASURED
+    """The text between the marks of docs/logs.md: tables of the kept results, or that there are none."""
+    kept = [tables(ResultsFile(path).read()) for path in (KEPT, KEPT_ARDUPILOT) if path.exists()]
+    return "\n\n".join(kept) or NOT_MEASURED
 
 
 def with_tables(page: str, text: str) -> str:
@@ -231,8 +244,8 @@ def keep(file: ResultsFile) -> None:
     run = results.run
     if run.sizes != FULL or not run.commit or run.changed:
         raise ValueError(f"were measured with {run.sizes} sizes{' with changes' if run.changed else ''}; commit first")
-    shutil.copyfile(file.path, KEPT)
-    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), tables(results)), encoding="utf-8")
+    shutil.copyfile(file.path, KEPT_ARDUPILOT if results.of_ardupilot else KEPT)
+    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8"), kept_tables()), encoding="utf-8")
 
 
 def seed_numbers(text: str) -> list[int]:
@@ -251,10 +264,13 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser.add_argument("--lockstep", action="store_true", help="omit cases in real time, which need an idle machine")
     parser.add_argument("--workers", type=int, default=2, metavar="N")
     parser.add_argument("--minutes", type=float, metavar="N", help="begin no case later: a random part of the cases")
-    parser.add_argument("--out", type=Path, default=ROOT / "build" / "bench" / "analyze.jsonl", metavar="FILE")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="default: build/bench/analyze.jsonl, or analyze_ardupilot.jsonl"
+    )
     parser.add_argument("--keep", type=Path, metavar="FILE", help="keep these results, and write the tables of docs/")
     given = parser.parse_args(None if arguments is None else list(arguments))
-    file = ResultsFile(given.keep or given.out)
+    name = "analyze_ardupilot.jsonl" if given.ardupilot else "analyze.jsonl"
+    file = ResultsFile(given.keep or given.out or ROOT / "build" / "bench" / name)
     try:
         if given.keep is not None:
             keep(file)
@@ -278,7 +294,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
         missing = [case for case in chosen if (case.name, case.seed) not in known]
         measure(missing, file, folder, given.workers, given.minutes)
     print(tables(file.read()))
-    print(f"results: {given.out}")
+    print(f"results: {file.path}")
     return 0
 
 

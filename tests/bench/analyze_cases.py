@@ -16,6 +16,7 @@ from tests.bench.analyze_scores import NONE
 CASES = Path(__file__).with_suffix(".yaml")
 _SITE = ("bases/base-sitl", "sites/santo-antonio")
 _FAULT = "injected"
+_SENSOR_FILES = ("rover-vectornav", "rover-no-simulated-sensors")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,8 @@ class Case:
     effects: tuple[str, ...]
     notice: bool = False
     """Whether a notice names the cause too."""
+    fine: tuple[str, ...] = ()
+    """OK findings that do not contradict the cause."""
 
     @property
     def real_time(self) -> bool:
@@ -72,10 +75,20 @@ def cases(seed: int) -> Iterator[Case]:
 
 
 def ardupilot_cases(seed: int) -> Iterator[Case]:
-    """The cases of a seed with a stock ArduPilot."""
+    """All cases of a seed with a stock ArduPilot: those with a fault, then each vessel without one."""
     table = read_table()
-    for name in table["ardupilot"]["cases"]:
-        yield _faulty(name, table["cases"][name], table, table["ardupilot"], seed)
+    autopilot = table["ardupilot"]
+    for name, changed in autopilot["cases"].items():
+        row = {**table["cases"][name], **changed}
+        row["set"] = {**table["cases"][name].get("set", {}), **changed.get("set", {})}
+        yield _faulty(name, row, table, autopilot, seed)
+    environments = table["clean"]["environments"]
+    for number, (vehicle, files) in enumerate(autopilot["clean"].items()):
+        environment = environments[(number + seed) % len(environments)]
+        profile = [autopilot["profile"], f"vehicles/{vehicle}", f"environments/{environment}"]
+        given = {"autopilot.parameter_files": [*_SENSOR_FILES, *files]}
+        document = _document(profile, table, autopilot, given, seed)
+        yield Case(f"{ARDUPILOT}{vehicle}/{environment}", NONE, seed, document, None, (), (), ())
 
 
 def group_of_findings() -> dict[str, str]:
@@ -100,9 +113,9 @@ def _faulty(
         until = {"until_s": begin_s + row["lasts_s"]} if "lasts_s" in row else {}
         document["faults"] = {_FAULT: {"from_s": begin_s, **_drawn(row["fault"], rng), **until}}
     causes, effects = tuple(row["causes"]), tuple(row.get("effects", ()))
-    in_log, notice = tuple(row.get("in_log", causes)), row.get("notice", False)
+    in_log, notice, fine = tuple(row.get("in_log", causes)), row.get("notice", False), tuple(row.get("fine", ()))
     prefix = ARDUPILOT if autopilot is table["ardupilot"] else ""
-    return Case(prefix + name, row["group"], seed, document, onset_s, causes, in_log, effects, notice)
+    return Case(prefix + name, row["group"], seed, document, onset_s, causes, in_log, effects, notice, fine)
 
 
 def _drawn(value: Any, rng: Generator) -> Any:

@@ -1,4 +1,4 @@
-"""Clients of a long run: ground stations by pymavlink, and a browser's end of the live view's websocket."""
+"""Clients of a long run: ground stations by pymavlink, a client of the live view's websocket, and a browser."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 
 from agent.mavlink import ftp
 from agent.mavlink.ftp import FtpPacket
+from tests.chromium import launch_chromium
 
 ANSWER_S = 30.0
 """A request that is not answered in full by then has failed."""
@@ -31,6 +32,23 @@ VIEWER_CAMERA = {
     "up_direction": (0.0, 0.0, 1.0),
 }
 """Message of a browser that looks at the view."""
+BROWSER_WINDOW = {"width": 320, "height": 180}
+LOAD_S = 60.0
+"""A page that is not complete by then has failed."""
+FRAME_PAUSE_S = 2.0
+COUNT_FRAMES = """(() => {
+  window.framesDrawn = 0;
+  let drawn = false;
+  const draw = WebGL2RenderingContext.prototype.drawElements;
+  WebGL2RenderingContext.prototype.drawElements = function (...all) { drawn = true; return draw.apply(this, all); };
+  const request = window.requestAnimationFrame.bind(window);
+  window.requestAnimationFrame = (work) => setTimeout(() => request((at) => {
+    work(at);
+    if (drawn) window.framesDrawn += 1;
+    drawn = false;
+  }), PAUSE_MS);
+})()""".replace("PAUSE_MS", f"{1e3 * FRAME_PAUSE_S:g}")
+"""Script of a page that counts its frames, with a pause after each one."""
 
 
 class Client(threading.Thread):
@@ -247,6 +265,52 @@ class Viewer(Client):
                         self.counts["messages"] += 1
                     except TimeoutError:
                         continue
+
+
+class Browser(Client):
+    """Headless Chromium that looks at the live view, and loads its page again every `stay_s`.
+
+    It draws in software, which takes a whole processor without `FRAME_PAUSE_S`. It fails if the page reports an error,
+    crashes, or does not show the instruments or a frame.
+
+    address: of the page.
+    """
+
+    def __init__(self, address: str, stay_s: float) -> None:
+        super().__init__("browser")
+        self._address, self._stay_s = address, stay_s
+
+    def serve(self) -> None:
+        from playwright.sync_api import sync_playwright
+
+        with sync_playwright() as driver:
+            browser = launch_chromium(driver)
+            page = browser.new_page(viewport=BROWSER_WINDOW)
+            page.set_default_timeout(LOAD_S * 1e3)
+            page.add_init_script(COUNT_FRAMES)
+            page.on("console", lambda message: self._fault(message.text) if message.type == "error" else None)
+            page.on("pageerror", lambda error: self._fault(str(error)))
+            page.on("crash", lambda page: self._fault("the page crashed"))
+            while not self.stopped:
+                self._visit(page)
+            browser.close()
+
+    def _visit(self, page: Any) -> None:
+        page.goto(self._address)
+        page.locator("td", has_text="waypoint").wait_for()
+        self.counts["loads"] += 1
+        until_s = time.monotonic() + self._stay_s
+        while not self.stopped and time.monotonic() < until_s:
+            page.wait_for_timeout(500)
+        frames = page.evaluate("framesDrawn")
+        self.counts["frames drawn"] += frames
+        if not frames:
+            self._fault(f"no frame drawn in load {self.counts['loads']}")
+
+    def _fault(self, text: str) -> None:
+        """Count an error. The first one is the failure of this client; it goes on."""
+        self.counts["errors"] += 1
+        self.failure = self.failure or f"{self.name}: {text}"
 
 
 def leave(clients: list[Client], wait_s: float) -> None:

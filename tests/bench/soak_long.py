@@ -1,4 +1,4 @@
-"""`make soak-long`: hours of a run in real time with ground stations, companion, view and random faults.
+"""`make soak-long`: hours of a run in real time with ground stations, companion, view, browser and random faults.
 
 It samples the processes every ten seconds, reads the whole recording in the end, and prints what grew and what the
 ends of each link counted. The result is also in OUT/soak.json. Exit code 1 if a limit is exceeded.
@@ -23,7 +23,8 @@ import numpy as np
 from mcap.reader import SeekingReader
 
 from tests.bench.process_samples import Growth, Sample, growth, processes_of, sample
-from tests.bench.soak_clients import Client, Station, Viewer, leave
+from tests.bench.soak_clients import Browser, Client, Station, Viewer, leave
+from tests.chromium import CHROMIUM
 from tests.free_ports import free_port
 from xitl_cli.logs import open_log
 
@@ -148,6 +149,10 @@ def run(
             found = re.search(r"view: (http\S+)", said.read_text())
             assert found is not None
             clients.append(Viewer(found[1], stay_s=300.0))
+            if CHROMIUM is None:
+                print("no browser looks at the view: Chromium is not installed; apt install chromium", flush=True)
+            else:
+                clients.append(Browser(found[1], stay_s=300.0))
             began_s = time.monotonic()
             for client in clients:
                 client.start()

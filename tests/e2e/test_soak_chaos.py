@@ -11,6 +11,7 @@ import pytest
 from conftest import environment
 
 from tests.bench.soak_long import soak
+from tests.chromium import CHROMIUM
 
 pytestmark = pytest.mark.realtime
 ROOT = Path(__file__).parents[2]
@@ -24,6 +25,8 @@ def test_a_short_soak_counts_everything_and_reads_its_split_recording(tmp_path: 
     assert set(result["processes"]) == {"host", "agent", "companion", "view"}
     assert result["recording"]["files"] == 4
     assert result["view"]["browsers"] >= 1
+    if CHROMIUM is not None:
+        assert result["clients"]["browser"]["frames drawn"] >= 1
     for request in ("parameters", "mission", "files"):
         assert result["clients"]["station 255"][f"{request} answered"] >= 1
     assert all(link["sent"] > 500 for link in result["links"])

@@ -68,7 +68,8 @@ def show_fleet(
         incidents_of_all += [(name, f"{label}: {text}") for label, text in facts]
     shown = incidents_of_all if verbose else incidents_of_all[:MOST_ROWS]
     if len(shown) < len(incidents_of_all):
-        shown.append(("", f"and {len(incidents_of_all) - len(shown)} more incidents; see summary.json"))
+        more = plural(len(incidents_of_all) - len(shown), "more incident")
+        shown.append(("", f"and {more}; see summary.json"))
     own_warnings = [(name, text, "yellow") for name, part in vessels.items() for text in part["warnings"]]
     # The run
     every = {
@@ -463,7 +464,7 @@ def perception_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         )
         if obstacles["min_clearance_m"] is not None:
             text += f", smallest clearance {obstacles['min_clearance_m']:.1f} m"
-        yield "obstacles", f"{text}; {companion['detours']} detours, {companion['stops']} stops"
+        yield "obstacles", f"{text}; {plural(companion['detours'], 'detour')}, {plural(companion['stops'], 'stop')}"
         if companion["detections"] and obstacles["classes"]:
             classes = ", ".join(
                 f"{one['right']} of {one['tracked']} {name}" for name, one in obstacles["classes"].items()

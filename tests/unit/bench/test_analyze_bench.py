@@ -4,20 +4,38 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from tests.bench import analyze
-from tests.bench.analyze_cases import ardupilot_cases, cases
+from tests.bench.analyze_cases import Case, ardupilot_cases, cases
 from tests.bench.analyze_scores import NONE, Named, Outcome, Scores, confusion_table, score_table, scores
 from tests.bench.results import FULL, TINY, this_run
+from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.log import LogHealth
+from xitl_cli.logs.model.sections import Finding, Section
+from xitl_cli.logs.report.file_report import FileReport
+from xitl_cli.logs.report.model import Report
 from xitl_cli.profile import load_profile
 
 RIGHT = Named("gnss.silent", 30.4, right=True)
 WRONG = Named("control.too_slow", 31.0, right=False)
 FAULTY = Outcome("gnss-loss", "GNSS", 1, 30.0, (RIGHT,), True, ())
 CLEAN = Outcome("otter/current-waves", NONE, 1, None, (), False, ())
+
+
+def size(case: Case) -> dict[str, Any]:
+    """The fault of a case without its times."""
+    fault = case.document.get("faults", {}).get("injected", {})
+    return {key: value for key, value in fault.items() if key not in ("from_s", "until_s")}
+
+
+def report_of(finding: Finding) -> Report:
+    section = Section("control", "Control", findings=(finding,))
+    health, line = LogHealth(1, 1), TimeLine(0)
+    return Report((FileReport("a.bin", Path("a.bin"), "dataflash", "boot", (0, 10**11), health, {}, (section,), line),))
 
 
 @pytest.mark.medium
@@ -39,12 +57,33 @@ def test_a_fault_begins_at_its_onset_and_has_a_drawn_size() -> None:
 
 
 @pytest.mark.medium
-def test_a_case_with_ardupilot_has_the_size_and_causes_of_its_embedded_twin() -> None:
+def test_a_case_with_ardupilot_has_the_group_and_the_size_of_its_embedded_twin() -> None:
     embedded = {case.name: case for case in cases(4)}
     for case in ardupilot_cases(4):
-        twin = embedded[case.name.removeprefix("ardupilot/")]
-        assert (case.group, case.causes) == (twin.group, twin.causes)
         assert case.document["extends"][0] == "sitl-ardupilot-ahrs"
+        if case.group == NONE:
+            continue
+        twin = embedded[case.name.removeprefix("ardupilot/")]
+        assert case.group == twin.group
+        assert size(case) == size(twin)
+
+
+def test_clean_runs_with_ardupilot_have_the_parameters_of_their_vessel() -> None:
+    clean = [case for case in ardupilot_cases(4) if case.group == NONE]
+    assert clean
+    for case in clean:
+        vehicle = case.name.split("/")[1]
+        assert f"vehicles/{vehicle}" in case.document["extends"]
+        assert f"rover-{vehicle}" in case.document["autopilot"]["parameter_files"]
+        assert case.causes == ()
+
+
+def test_a_permitted_fine_finding_is_no_contradiction() -> None:
+    case = next(case for case in cases(4) if case.name == "waves-too-high")
+    report = report_of(Finding.ok("control.followed", "It followed its setpoints"))
+    assert analyze.judge(case, report, case.causes).contradictions == ()
+    strict = replace(case, fine=())
+    assert analyze.judge(strict, report, case.causes).contradictions == ("control.followed",)
 
 
 @pytest.mark.slow
@@ -126,6 +165,30 @@ def test_results_of_some_cases_are_not_kept(tmp_path: Path) -> None:
     file.begin(this_run(TINY))
     with pytest.raises(ValueError, match="tiny"):
         analyze.keep(file)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize("name", ["gnss-loss", "ardupilot/gnss-loss"])
+def test_kept_results_of_one_autopilot_leave_those_of_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    page = tmp_path / "logs.md"
+    page.write_text(f"{analyze.BEGIN}\n\nold\n\n{analyze.END}")
+    monkeypatch.setattr(analyze, "PAGE", page)
+    paths = {"gnss-loss": tmp_path / "kept.jsonl", "ardupilot/gnss-loss": tmp_path / "kept_ardupilot.jsonl"}
+    monkeypatch.setattr(analyze, "KEPT", paths["gnss-loss"])
+    monkeypatch.setattr(analyze, "KEPT_ARDUPILOT", paths["ardupilot/gnss-loss"])
+    run = replace(this_run(FULL), changed=False)
+    for case in paths:
+        results = analyze.ResultsFile(tmp_path / "measured.jsonl")
+        results.path.unlink(missing_ok=True)
+        results.begin(run)
+        results.add(dict.fromkeys((analyze.BOTH, analyze.OWN_LOG), replace(FAULTY, case=case)))
+        analyze.keep(results)
+    assert analyze.ResultsFile(paths[name]).read().outcomes[analyze.BOTH] == [replace(FAULTY, case=name)]
+    text = page.read_text()
+    assert text.count("| all | 1 | 1.00 |") == 4  # of each autopilot, from both files and from its log
+    assert "with a stock ArduPilot" in text
 
 
 @pytest.mark.medium

@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 from tests.bench.process_samples import Sample, growth, sample
+from tests.bench.soak_clients import Browser
 from tests.bench.soak_long import growth_problems, link_problems, random_faults, soak_profile
+from tests.chromium import needs_chromium
+from tests.patience import PATIENCE_S, wait_until
 from xitl_cli.profile import load_profile
 
 HOUR_S = 3600.0
@@ -80,3 +83,27 @@ def test_counts_of_a_link_add_up_or_are_named(counts: dict[str, int | None], pro
     problems = list(link_problems({"links": [{"name": "sensors", **counts}]}))
     assert len(problems) == (problem is not None)
     assert problem is None or problem in problems[0]
+
+
+@pytest.mark.slow
+@needs_chromium
+@pytest.mark.parametrize(
+    ("script", "failure"),
+    [
+        ("console.error('no such mesh')", "browser: no such mesh"),
+        ("undefined.mesh", "browser: Cannot read properties of undefined (reading 'mesh')"),
+        ("console.warn('slow')", "browser: no frame drawn in load 1"),
+    ],
+)
+def test_a_browser_names_the_first_error_of_a_page(tmp_path: Path, script: str, failure: str) -> None:
+    pytest.importorskip("playwright")
+    page = tmp_path / "page.html"
+    page.write_text(f"<table><tr><td>waypoint</td></tr></table><script>{script}</script>")
+    browser = Browser(page.as_uri(), stay_s=0.1)
+    browser.start()
+    wait_until(lambda: browser.failure != "")
+    browser.stop()
+    browser.join(PATIENCE_S)
+    assert not browser.is_alive()
+    assert browser.failure == failure
+    assert browser.counts["errors"] >= 1

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from agent.companion.sonar import SonarPing, echo_points
 
+ROOT = Path(__file__).parents[3]
 SAMPLES = 600
 PERIOD_S = 2.0 * 30.0 / 1500.0 / SAMPLES  # 5 cm a sample
 STEPS_PER_DB = 3.0
@@ -81,3 +86,37 @@ def test_short_and_flat_echoes_hold_nothing(samples: int) -> None:
         points, intensity = echo_points(flat)
         assert points.shape == (0, 3)
         assert intensity.shape == (0,)
+
+
+NEARLY_FULL = """
+import sys, tracemalloc
+import numpy as np
+from agent.companion.sonar import SonarPing, echo_points
+
+def strings_until_it_grows():
+    tracemalloc.reset_peak()
+    kept_bytes, number = tracemalloc.get_traced_memory()[0], 0
+    while tracemalloc.get_traced_memory()[1] - kept_bytes < 400_000:
+        sys.intern(f"string {number}")
+        number += 1
+    return number
+
+ping = SonarPing(0, 0, 0, (0.0, 0.0, 0.0), 1e-4, 1500.0, np.full(60, 9, np.uint8))
+echo_points(ping)
+tracemalloc.start()
+strings_until_it_grows()
+for number in range(strings_until_it_grows() - 500):
+    sys.intern(f"string {number}")
+tracemalloc.reset_peak()
+kept_bytes = tracemalloc.get_traced_memory()[0]
+for _ in range(1000):
+    echo_points(ping)
+print(tracemalloc.get_traced_memory()[1] - kept_bytes)
+"""
+
+
+@pytest.mark.medium
+def test_pings_do_not_fill_the_table_of_interned_strings() -> None:
+    """A full table takes a megabyte more. Strings that nothing refers to any more count until then."""
+    done = subprocess.run([sys.executable, "-c", NEARLY_FULL], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 300_000

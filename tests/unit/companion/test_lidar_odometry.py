@@ -115,6 +115,16 @@ def test_bad_clouds_are_refused_and_counted(drive: list) -> None:
     assert np.linalg.norm(odometry.pose_at(stamp_ns)[:3, 3] - before[:3, 3]) < 1.0
 
 
+def test_points_count_from_the_first_to_the_last_of_a_second_and_within_the_range() -> None:
+    """What lies outside of the range of 1 m to 50 m is left out, but it is no bad point."""
+    odometry = LidarOdometry(max_range_m=50.0)
+    offset_s = np.array([0.0, 1.0, -1e-6, 1.00001, 0.5, 0.5, 0.5, 0.5], dtype=np.float32)
+    points = np.array([[5.0, 0.0, 0.0]] * 4 + [[0.6, 0.8, 0.0], [30.0, 40.0, 0.0], [0.5, 0.8, 0.0], [30.0, 40.1, 0.0]])
+    odometry.register(0, points.astype(np.float32), offset_s)
+    assert odometry.points_refused == 2
+    assert (odometry.poses, odometry.poses_refused) == (0, 1), "too few points"
+
+
 def test_without_kiss_icp_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "kiss_icp.config", None)
     with pytest.raises(OdometryError, match=r"pip install 'xitl\[perception\]'"):

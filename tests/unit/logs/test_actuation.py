@@ -116,6 +116,18 @@ def test_a_velocity_that_changes_at_once_is_wrong_and_not_the_position() -> None
     assert not velocity_jumped(slid, drift)
 
 
+@pytest.mark.medium
+@pytest.mark.parametrize("seed", range(4))
+def test_a_position_that_drifts_in_waves_is_not_a_wrong_velocity(seed: int) -> None:
+    """Waves change the velocity of a small boat by as much from fix to fix as an error that begins at once."""
+    calm = receiver(0.6, seed=seed)
+    waves_mps = 0.12 * np.random.default_rng(20 + seed).normal(size=calm.vel_ned_mps.shape)
+    rough = replace(calm, vel_ned_mps=calm.vel_ned_mps + waves_mps)
+    drifts = gnss_drifts(rough)
+    assert drifts
+    assert not any(velocity_jumped(rough, drift) for drift in drifts)
+
+
 def test_a_drift_that_the_velocity_shares_cannot_be_seen() -> None:
     assert gnss_drifts(receiver(0.3, shared=True)) == []
 

@@ -165,6 +165,15 @@ def test_an_actuator_that_kept_its_command_is_stuck(
 
 
 @pytest.mark.medium
+def test_a_vessel_that_the_wind_holds_from_its_start_has_no_fault() -> None:
+    """In a wind of 24 m/s, the start differs from the motion after it like a propeller that lost a third."""
+    rows = np.loadtxt(DATA / "motions" / "strong-wind.csv", delimiter=",", skiprows=1)
+    stamp_ns = np.round(rows[:, 0] * S).astype(np.int64)
+    motion = VesselMotion(stamp_ns, *rows.T[1:5], rows[:, 5:], np.array([False, False]))
+    assert actuator_faults(motion) == []
+
+
+@pytest.mark.medium
 def test_a_small_loss_is_below_the_floor() -> None:
     assert actuator_faults(sailed(scaled(0, 0.95), 3)) == []
 

@@ -80,6 +80,11 @@ def test_a_receiver_with_a_poor_accuracy_explains_errors_of_the_position_at_any_
     assert groups == [("gnss.poor", ["estimator.position_error"]), ("actuation.thrust_loss", [])]
 
 
+def test_a_biased_gyroscope_explains_an_accelerometer_that_leaves_the_velocity() -> None:
+    gyro, accel = finding("sensors.gyro_bias", (20.0, 100.0)), finding("sensors.accel_bias", (68.0, 100.0))
+    assert shape(group_findings(Report((log(gyro, accel),)))) == [("sensors.gyro_bias", ["sensors.accel_bias"])]
+
+
 def test_a_turn_against_the_commands_follows_from_a_stuck_actuator_of_another_file() -> None:
     stuck, turn = finding("actuation.stuck", (27.6, 48.4)), finding("actuation.unanswered", (38.5, 48.7))
     groups = shape(group_findings(Report((log(turn), log(stuck, name="two.bin")))))

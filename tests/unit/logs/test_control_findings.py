@@ -143,6 +143,18 @@ def test_in_acro_no_attitude_is_demanded() -> None:
     assert "control.attitude_lost" not in found(log_of(flown(2.0, roll), firmware="ArduCopter", mode=1))
 
 
+def test_a_late_response_is_followed_with_its_delay_and_the_error_that_is_left() -> None:
+    with open_log(EXTERNAL_AHRS) as log:
+        section = control.analyse(log)
+    assert section is not None
+    facts = {fact.key: fact.value for fact in section.facts}
+    (followed,) = section.findings
+    assert facts["turn_rate_error_rms_degps"] == pytest.approx(16.0, abs=0.5)
+    # 4.3 deg/s at a shift of ten rows of 0.1 s, over all rows of STER
+    assert "after a delay of 1.0 s" in followed.sentence
+    assert "turn rate within 6.2 deg/s RMS" in followed.sentence
+
+
 @pytest.mark.parametrize("path", [CALM, GUST, EXTERNAL_AHRS, LINUX], ids=lambda path: path.stem)
 def test_real_boats_that_sailed_well_followed(path) -> None:
     with open_log(path) as log:

@@ -88,6 +88,22 @@ def test_a_receiver_that_falls_silent_for_good():
     assert "to the end" in finding.sentence
 
 
+@pytest.mark.parametrize(
+    ("rows", "disarmed_s", "method", "reported"),
+    [
+        (490, 98.1, 1, False),  # the log ends at 100 s
+        (490, 95.0, 1, True),
+        (490, 98.1, 6, True),  # a failsafe disarmed it
+        (300, 60.1, 1, True),
+    ],
+)
+def test_a_receiver_that_is_switched_off_after_disarming_is_no_finding(rows, disarmed_s, method, reported):
+    keep = np.arange(ROWS) < rows
+    arm = MadeTable("ARM", [S, round(disarmed_s * S)], {"ArmState": [1, 0], "Method": [1, method]})
+    section = report(gps(sail(), keep), arm)
+    assert [finding.key for finding in section.findings] == (["gnss.silent"] if reported else [])
+
+
 def test_a_lost_fix_is_reported_until_it_is_back():
     status = np.full(ROWS, 3)
     status[100:110] = 1

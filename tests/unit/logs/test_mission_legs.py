@@ -44,9 +44,13 @@ def said(*texts: tuple[int, str]) -> MadeTable:
     return MadeTable("MSG", [at * S for at, _ in texts], {"Message": [text for _, text in texts]})
 
 
-def auto(from_s: int, until_s: int) -> MadeTable:
-    values = {"Mode": [0, 10, 4], "ModeNum": [0, 10, 4], "Rsn": [26, 2, 8]}
+def auto(from_s: int, until_s: int, reason: int = 8) -> MadeTable:
+    values = {"Mode": [0, 10, 4], "ModeNum": [0, 10, 4], "Rsn": [26, 2, reason]}
     return MadeTable("MODE", [0, from_s * S, until_s * S], values)
+
+
+def disarmed(at_s: int, method: int) -> MadeTable:
+    return MadeTable("ARM", [9 * S, at_s * S], {"ArmState": [1, 0], "Method": [1, method]})
 
 
 def sailed(offset_m: float = 0.0) -> MadeTable:
@@ -151,6 +155,22 @@ def test_why_a_mission_was_not_completed(extra: tuple[MadeTable, ...], why: str)
     section = section_of(loaded(commands(1, SQUARE)), taken_up((10, 1)), sailed(), said((1, "x")), *extra)
     (finding,) = section.findings
     assert finding.severity is Severity.WARNING
+    assert finding.sentence == f"The mission was not completed: 0 of 2 waypoints reached; {why}"
+
+
+@pytest.mark.parametrize(
+    ("extra", "why", "severity"),
+    [
+        ((auto(10, 40, reason=2),), "the mode became HOLD at 0:40.0 (ground station)", Severity.NOTICE),
+        ((auto(10, 40, reason=6),), "the mode became HOLD at 0:40.0 (EKF failsafe)", Severity.WARNING),
+        ((auto(10, 95), disarmed(50, method=1)), "it was disarmed at 0:50.0 (ground station)", Severity.NOTICE),
+        ((auto(10, 95), disarmed(50, method=12)), "it was disarmed at 0:50.0 (crash check)", Severity.WARNING),
+    ],
+)
+def test_a_mission_that_a_person_ended_is_a_notice(extra: tuple[MadeTable, ...], why: str, severity: Severity) -> None:
+    section = section_of(loaded(commands(1, SQUARE)), taken_up((10, 1)), sailed(), said((1, "x")), *extra)
+    (finding,) = section.findings
+    assert finding.severity is severity
     assert finding.sentence == f"The mission was not completed: 0 of 2 waypoints reached; {why}"
 
 

@@ -78,7 +78,7 @@ def test_port_works_harder_than_starboard():
 
 def test_fast_swings_are_an_oscillation_and_slow_ones_are_not():
     stamps = np.arange(5000) * S // 50
-    for swing_hz, expected in ((2.0, {"radio.oscillation"}), (0.2, set())):
+    for swing_hz, expected in ((2.0, {"radio.oscillation"}), (0.7, {"radio.oscillation"}), (0.5, set()), (0.2, set())):
         pulse = 1500.0 + 300.0 * np.sin(2.0 * np.pi * swing_hz * np.arange(5000) / 50.0)
         section = report(parameters(), MadeTable("RCOU", stamps, {"C1": pulse, "C3": pulse}))
         assert set(found(section)) == expected

@@ -127,6 +127,16 @@ def test_a_stuck_magnetometer_while_the_vehicle_turns():
     assert keys(report(unit, mag(still))) == []
 
 
+@pytest.mark.parametrize(("method", "expected"), [(1, []), (6, ["sensors.stuck"])])
+def test_a_unit_that_stops_after_disarming_is_switched_off_unless_a_failsafe_disarmed(method: int, expected: list[str]):
+    columns = imu_columns(60.0)
+    for values in columns.values():
+        values[2900:] = values[2900]
+    moving = MadeTable("GPS", stamps(60.0, 5.0), {"Spd": np.full(300, 2.0)})
+    arm = MadeTable("ARM", [5 * S, 58 * S], {"ArmState": [1, 0], "Method": [1, method]})
+    assert keys(report(imu(**columns), arm, moving)) == expected
+
+
 @pytest.mark.parametrize(("speed_mps", "expected"), [(2.0, ["sensors.stuck"]), (0.0, [])])
 def test_a_barometer_under_way_that_repeats_a_value_is_stuck(speed_mps: float, expected: list[str]):
     pressure_pa = 100_600.0 + np.random.default_rng(4).standard_normal(len(stamps(60.0)))

@@ -41,6 +41,16 @@ def test_repeated_and_backward_stamps_are_no_gaps():
     assert [gap.missing for gap in found.longest] == [1, 1]
 
 
+def test_rows_that_share_a_stamp_are_a_burst():
+    """Two rows every 10 ms, sometimes four after 20 ms: their rate is 200 Hz, and nothing is missing."""
+    stamps = np.repeat(np.arange(200) * 10 * MS, 2)
+    stamps[np.flatnonzero(np.arange(400) // 2 % 10 == 5)] += 10 * MS
+    found = regularity(np.sort(stamps))
+    assert found is not None
+    assert found.rate_hz == pytest.approx(200.0, rel=0.02)
+    assert (found.bursts, found.gaps, found.missing) == (True, 0, 0)
+
+
 def test_the_expected_period_may_be_given():
     found = regularity(np.arange(100) * 40 * MS, period_s=0.02)
     assert found is not None

@@ -85,7 +85,7 @@ def test_a_point_has_the_power_of_the_radar_equation() -> None:
         assert 10.0 * math.log10(power[0, spoke, number] / expected) == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_range_of_first_detection_is_that_of_the_radar_equation() -> None:
     """A steady echo is detected half of the time where the quantile of the non-central F distribution says so."""
     stats = pytest.importorskip("scipy.stats")

@@ -117,7 +117,7 @@ def test_a_ship_sinks_by_ravens_formula_and_less_than_barrass_allows() -> None:
     assert 0.2 < (320.0 / 7.0) * formula_m / (0.81 * knots**2 / 100.0) < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_ship_turns_wider_in_shallower_water() -> None:
     model = shipped("kvlcc2-l7")
     draft_m = over_bottom(model, DEEP_M).vessel.rest.draft_m

@@ -133,7 +133,7 @@ def test_flat_water_is_flat() -> None:
     assert not FlatWater().elevation_m(1.0, PLACES).any()
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("heading_rad", [0.0, 0.7, np.pi / 2])
 def test_in_a_long_wave_the_vessel_moves_with_the_water(heading_rad: float) -> None:
     """A frictionless hull without wind is a particle of the water, (k L)^2 and (omega / omega_heave)^2 apart."""

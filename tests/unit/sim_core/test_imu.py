@@ -65,7 +65,7 @@ def ten_minutes() -> tuple[np.ndarray, np.ndarray]:
     ],
     ids=["gyro", "accel"],
 )
-@pytest.mark.slow
+@pytest.mark.medium
 def test_allan_deviation_of_ten_minutes_at_rest(ten_minutes, channel, density, instability, correlation_s):
     at_rest_record = ten_minutes[channel]
     channels = 48 * 3

@@ -41,7 +41,7 @@ def after_16_s(rate_hz: float, waves: str) -> np.ndarray:
     return np.concatenate([state.vessel.motion.pos_ned_m[0], state.vessel.motion.quat_ned_frd[0]])
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("waves", ["none", "jonswap"])
 def test_it_converges_at_order_two(waves: str) -> None:
     """Half the step leaves a quarter of the error against a fine reference; at 200 Hz that is below 0.2 mm after 16 s.

@@ -121,7 +121,7 @@ def fixed_force(simulation: Simulation, motion: Kinematics, time_s: float) -> np
     return force
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("scale", "period_s"), [(1.0, 0.6), (1.0, 0.9), (1.0, 1.3), (1.0, 2.0), (1.0, 4.0), (1 / 3, 0.6), (1 / 3, 1.0)]
 )
@@ -139,7 +139,7 @@ def test_a_free_vessel_drifts_with_regular_waves(scale: float, period_s: float) 
         assert (np.abs(drift[:, 1]) < drift[:, 0]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_drift_is_the_speed_at_which_drag_balances_the_waves() -> None:
     """Head and beam seas of T = 0.9 s, H = 4 cm, where a vessel once went 0.11 m/s against the waves.
 

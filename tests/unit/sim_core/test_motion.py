@@ -22,8 +22,6 @@ from sim_core.simulation import Simulation, SimulationState, initial, step
 from sim_core.vessel.spec import Damping, VesselSpec, Windage
 from xitl_cli.profile import load_with_origins
 
-pytestmark = pytest.mark.slow
-
 DENSITY = 997.8
 STOPPED = np.zeros((1, 2))
 # Drag and added mass act at half the draft, which ties sway to roll. Closed forms of one axis have them at the origin:
@@ -85,6 +83,7 @@ def test_terminal_speed_solves_the_drag_equation() -> None:
     assert motion.vel_ned_mps[0, 0] == pytest.approx(expected, rel=1e-9)  # e^-40 of the way left after 30 s
 
 
+@pytest.mark.medium
 def test_three_metres_per_second_against_current_and_wind_leave_a_margin() -> None:
     """3 m/s over ground against 0.7 m/s of current and 8 m/s of wind at no more than 90 % command."""
     environment = Environment(
@@ -97,6 +96,7 @@ def test_three_metres_per_second_against_current_and_wind_leave_a_margin() -> No
     assert motion.vel_ned_mps[0, 0] > 3.0
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(
     ("axis", "linear", "quadratic", "inertia"),
     [(0, 15.0, 20.0, 113.0 + 5.1), (1, 250.0, 150.0, 113.0 + 72.0), (5, 150.0, 200.0, 56.0 + 34.0)],
@@ -200,6 +200,7 @@ def shipped(name: str) -> VesselSpec:
     return replace(vessel, hull=replace(vessel.hull, strips=24))  # lumping takes 1/24^2 off the second moment
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize(("name", "scale"), [("sitl", 1.0), ("vehicles/asv-third", 1.0 / 3.0)])
 def test_free_decays_in_heave_roll_and_pitch_have_the_damping_ratios_of_such_hulls(name: str, scale: float) -> None:
     """Let go from 2 mm, 3 mrad and 3 mrad: period and decay of the linearised motion, and damping ratios 0.1 to 0.4."""
@@ -235,6 +236,7 @@ def test_free_decays_in_heave_roll_and_pitch_have_the_damping_ratios_of_such_hul
         assert period == pytest.approx((0.913, 0.855, 0.878)[axis] * scale**0.5, rel=0.01)
 
 
+@pytest.mark.medium
 @pytest.mark.slow
 def test_a_drifting_vessel_ends_with_the_current() -> None:
     environment = Environment(water=Water(density_kgpm3=DENSITY), current=UniformCurrent(CurrentSpec(0.7, 60.0)))
@@ -271,6 +273,7 @@ def energies_j(simulation: Simulation, motions: list[Kinematics]) -> tuple[np.nd
     return potential + [0.5 * v @ mass @ v for v in nu], potential
 
 
+@pytest.mark.medium
 @pytest.mark.slow
 def test_energy_is_conserved_without_damping() -> None:
     """In roll, heave and sway; pitch takes the centre of buoyancy at rest, which is good to second order only."""
@@ -282,6 +285,7 @@ def test_energy_is_conserved_without_damping() -> None:
     assert np.ptp(total) < 1e-4 * np.ptp(potential)
 
 
+@pytest.mark.medium
 def test_damping_only_takes_energy() -> None:
     simulation = Simulation.from_spec(replace(FULL, wind=BARE.wind), CALM, 0.0005)
     start = at_start(simulation, euler_rad=(0.1, 0.0, 0.0), body_mps=(1.0, 0.3, 0.0), gyro_radps=(0, 0, 0.5))
@@ -289,6 +293,7 @@ def test_damping_only_takes_energy() -> None:
     assert (np.diff(total) < 0.0).all()
 
 
+@pytest.mark.medium
 def test_the_vessel_keeps_its_course_and_trim_at_full_speed() -> None:
     """Knocked off by 3 deg/s it comes back to a straight line; bow down by no more than the couple of thrust and drag.
 
@@ -304,6 +309,7 @@ def test_the_vessel_keeps_its_course_and_trim_at_full_speed() -> None:
     assert -1.6 * 500.0 * (0.55 + 0.2) / stiffness < pitch < 0.0
 
 
+@pytest.mark.medium
 def test_a_beam_wind_heels_by_the_couple_of_wind_and_drag() -> None:
     """Adrift with the wind from port: its force at half the height of the areas, the hulls' drag at half the draft."""
     environment = Environment(water=CALM.water, wind=Wind(WindSpec(14.0, 270.0, profile="uniform")))
@@ -321,6 +327,7 @@ def test_a_beam_wind_heels_by_the_couple_of_wind_and_drag() -> None:
     assert roll == pytest.approx(force_n * lever_m / stiffness, rel=0.02)
 
 
+@pytest.mark.medium
 def test_in_a_turn_to_starboard_the_vessel_heels_to_port() -> None:
     """Centrifugal force at the centre of gravity, above the water, against the drag below it."""
     simulation = Simulation.from_spec(FULL, CALM, 0.005)
@@ -342,6 +349,7 @@ def test_wind_and_vessel_turned_together_feel_the_same() -> None:
     assert accelerations[0][1] < -0.05  # and to port
 
 
+@pytest.mark.medium
 def test_an_imu_can_integrate_what_the_vessel_does() -> None:
     """Specific force and gyro, integrated without knowing the vessel, return velocity, position and attitude."""
     rng = np.random.default_rng(2)
@@ -366,6 +374,7 @@ def test_an_imu_can_integrate_what_the_vessel_does() -> None:
     assert np.std(gyro[:, 1]) > 0.02  # the sea did move it
 
 
+@pytest.mark.medium
 @pytest.mark.slow
 def test_a_froude_scaled_vessel_moves_alike() -> None:
     """A quarter of the length in half the time, through waves, current and wind: holds only if every term does."""

@@ -121,7 +121,7 @@ def test_over_seconds_a_change_of_the_start_changes_a_course_in_waves_in_proport
     assert np.abs(large - 10.0 * small).max() < 0.02 * np.abs(large).max()
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_over_a_minute_waves_carry_open_loop_courses_apart_as_the_excitation_of_the_panel_code_does() -> None:
     vessel = boat()
     apart, linear = (

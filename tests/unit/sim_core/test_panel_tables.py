@@ -75,7 +75,7 @@ def along_waves_n(name: str, row: int) -> np.ndarray:
     return np.array([ahead[0], right[1], -ahead[2]])
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("row", range(len(PERIODS_S)), ids=[f"{period_s:g} s" for period_s in PERIODS_S])
 @pytest.mark.parametrize("name", HULLS)
 def test_motions_and_drift_are_those_of_capytaine(name: str, row: int) -> None:

@@ -65,7 +65,7 @@ def test_the_files_have_the_published_masses() -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_otter_moves_as_its_reference() -> None:
     """The published equations; what its program makes of them is told in docs/vehicles.md."""
     shafts = np.array([(80, 80), (100, 100), (100, 80), (100, -60), (60, 100), (50, -50), (0, 0)])
@@ -80,7 +80,7 @@ def test_the_otter_moves_as_its_reference() -> None:
     np.testing.assert_allclose(ours.heading_deg(10.0), np.degrees(theirs[:, 100, 11]), atol=HEADING_DEG)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_wam_v_moves_as_its_reference() -> None:
     thrusts_n = np.array([(500, 500), (2300, 2300), (800, 200), (1500, 500), (500, -500), (0, 0)])
     command = np.sign(thrusts_n) * np.sqrt(np.abs(thrusts_n) / wamv.MOST_N)
@@ -93,7 +93,7 @@ def test_the_wam_v_moves_as_its_reference() -> None:
     np.testing.assert_allclose(ours.heading_deg(10.0), np.degrees(theirs[:, 200, 11]), atol=HEADING_DEG)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_cybership_ii_moves_as_its_reference() -> None:
     """The hull under its propellers, without what it is given back for the rudders, which are a test of their own."""
     model = shipped("cybership2")
@@ -119,7 +119,7 @@ def test_the_rudders_of_cybership_ii_lift_as_published(shaft_hz: float, surge_mp
     assert right_n[0] == pytest.approx(-rudder_n(angle, surge_mps, newtons), abs=0.15 * scale)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_the_blueboat_does_what_the_recorded_one_did() -> None:
     """Trondheim's harbour, figures over the steady seconds of several runs, which agree to a tenth.
 

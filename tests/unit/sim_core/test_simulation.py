@@ -126,7 +126,7 @@ def test_shapes_and_unit_quaternions() -> None:
     assert len({*state.wind_ned_mps[:, 1]}) == 5  # every vessel has its own gusts
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_storm_stays_finite_and_capsizes_nobody() -> None:
     """Hulls that dive and leave the water under any command: 64 vessels, 20 s each, waves as high as the hulls."""
     water = Water()

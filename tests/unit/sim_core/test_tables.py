@@ -106,7 +106,7 @@ def held(angle_deg: float) -> Callable[[float], float]:
     return lambda _turned: angle_deg
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_manoeuvres_of_kvlcc2(tanker: VesselSpec) -> None:
     """Beside an integration of the paper's equations: 1 % in turns, half a degree in zig-zags; its table 4: 2 %."""
     ship = Kvlcc2(resistance=0.0157, gyration=0.24, span=0.216 / 0.626)
@@ -142,7 +142,7 @@ def test_the_table_of_kvlcc2_with_its_published_resistance(tanker: VesselSpec) -
     assert turning(track, 7.0) == pytest.approx(paper, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_manoeuvres_of_kvlcc2_at_full_scale() -> None:
     """Beside an integration of the paper's equations with the ship's wake, resistance and revolutions."""
     ship = Kvlcc2(
@@ -168,7 +168,7 @@ def test_manoeuvres_of_kvlcc2_at_full_scale() -> None:
     assert own.overshoots_deg(zig_zag)[:2] == pytest.approx(expected[:2], abs=0.5)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_manoeuvres_of_the_mariner() -> None:
     """Beside the published equations: 4 % of the rate of turn, half a degree of overshoot; measured 0.01 % and 0.2."""
     own, theirs = ([ZigZag(10.0), ZigZag(20.0), ZigZag(20.0, -1.0)] for _ in range(2))

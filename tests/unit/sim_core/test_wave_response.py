@@ -21,8 +21,6 @@ from sim_core.frames import matrix_to_euler
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.spec import Damping, VesselSpec
 
-pytestmark = pytest.mark.slow
-
 DENSITY = 997.8
 HEIGHT_M = 0.01
 BOAT = replace(FULL, wind=BARE.wind, damping_linear=Damping(15, 250, 500, 120, 300, 150), damping_quadratic=Damping())
@@ -107,6 +105,7 @@ def simulated(model: VesselSpec, period_s: float, headings_deg: tuple[float, ...
     return np.hypot(fitted[0], fitted[1]).reshape(-1, 3) / (0.5 * HEIGHT_M)
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("period_s", [1.0, 1.3, 1.7, 2.5])
 def test_motions_in_head_and_beam_seas_are_those_of_strip_theory(period_s: float) -> None:
     """Within 2 % of the response: quadratic in 5 mm on 100 mm of draft, and 0.8 % that the drift shifts the period."""
@@ -117,6 +116,7 @@ def test_motions_in_head_and_beam_seas_are_those_of_strip_theory(period_s: float
         np.testing.assert_allclose(row, expected, rtol=0.02, atol=0.01)
 
 
+@pytest.mark.medium
 def test_heave_in_beam_seas_is_that_of_the_hulls_not_of_the_water_between_them() -> None:
     """At T = 1.3 s the waves are 2.6 m long and the hulls 1.2 m apart: 0.16 m a metre, 0.35 by the centreline."""
     assert abs(response(FULL, 1.3, 90.0)[2]) == pytest.approx(0.16, abs=0.01)

@@ -27,8 +27,6 @@ from sim_core.world.plan import Capsules, box_capsules, touches
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import OPEN_WATER, Waterway
 
-pytestmark = pytest.mark.slow
-
 BOOM_AT_M = 12.0
 BOOM = Capsules(
     np.array([[-18.0, BOOM_AT_M], [-5.95, BOOM_AT_M], [6.05, BOOM_AT_M]]),
@@ -62,6 +60,7 @@ def simulation_in(waterway: Waterway, current_mps: float = 0.0, dt_s: float = 0.
     return Simulation.from_spec(ASV, environment, dt_s, waterway)
 
 
+@pytest.mark.medium
 def test_capsules_touch_where_their_axes_come_nearest() -> None:
     """Against the least distance between points sampled densely along both axes."""
     rng = np.random.default_rng(4)
@@ -92,6 +91,7 @@ def test_the_sides_of_a_box_are_where_they_should_be() -> None:
     assert sides.distance_m(points).min(axis=1) == pytest.approx([2.0, 2.0, 0.0])
 
 
+@pytest.mark.medium
 def test_the_rebound_is_that_of_a_spring_and_a_damper() -> None:
     """Two masses meet at 2 m/s. Restitution when only pressing counts: Schwager and Poeschel 2007, eq 21."""
     masses, dt_s = np.array([113.0, 60.0]), 1e-5
@@ -200,6 +200,7 @@ def test_a_wrench_accelerates_as_the_mass_matrix_says() -> None:
     assert outline.mass_kg == ASV.mass_kg
 
 
+@pytest.mark.medium
 def test_the_boom_stops_a_vessel_and_holds_it() -> None:
     states = sailed(simulation_in(Waterway(BOOM)), 9.0, 0.6)
     bow_m = np.array([state.vessel.motion.pos_ned_m[0, 1] for state in states]) + 0.5 * ASV.hull.length_m
@@ -215,12 +216,14 @@ def test_the_boom_stops_a_vessel_and_holds_it() -> None:
     assert first.contacts.closing_mps.max() == pytest.approx(speed, rel=0.02)
 
 
+@pytest.mark.medium
 def test_at_rest_on_the_boom_the_springs_carry_the_thrust() -> None:
     final = sailed(simulation_in(Waterway(BOOM), dt_s=0.005), 14.0, 0.6)[-1]
     thrust_n = 0.6**2 * 500.0  # as the square of the propellers' speed
     assert final.contacts.force_ned_n[:, 1].sum() == pytest.approx(-thrust_n, rel=0.02)
 
 
+@pytest.mark.medium
 def test_a_trunk_that_is_hit_takes_what_the_vessel_loses() -> None:
     hit = simulation_in(Waterway(Capsules.joined(())))
     states = sailed(hit, 6.0, 0.6, launches=(Launch(0, BodyKind.TRUNK, 0.0, 6.0, 0.0),))
@@ -235,6 +238,7 @@ def test_a_trunk_that_is_hit_takes_what_the_vessel_loses() -> None:
     assert gained == pytest.approx(-impulse, rel=0.06)  # the water's drag in 0.1 s
 
 
+@pytest.mark.medium
 def test_a_vessel_runs_aground_and_is_carried() -> None:
     class Beach:
         def bed_down_m(self, north_east_m: np.ndarray) -> np.ndarray:
@@ -261,6 +265,7 @@ def test_where_there_is_nothing_to_touch_not_a_bit_differs() -> None:
         assert one.vessel.motion.quat_ned_frd.tobytes() == other.vessel.motion.quat_ned_frd.tobytes()
 
 
+@pytest.mark.medium
 def test_half_as_many_steps_end_in_the_same_place() -> None:
     """With a trunk between hull and boom; a first-order step of 5 ms at 3 m/s is 15 mm."""
     trunk = (Launch(0, BodyKind.TRUNK, 0.0, 10.5, 0.0),)
@@ -272,6 +277,7 @@ def test_half_as_many_steps_end_in_the_same_place() -> None:
     assert fine.debris.pos_ned_m[0, 1] < BOOM_AT_M - 0.4  # held before the boom
 
 
+@pytest.mark.medium
 def test_without_contact_a_vessel_passes_what_debris_does_not() -> None:
     seen = Waterway(BOOM, launches=(Launch(0, BodyKind.ANIMAL, 5.0, 11.0, EASTWARD),), contact=False)
     final = sailed(simulation_in(seen, 0.5), 8.0, 0.8)[-1]
@@ -279,6 +285,7 @@ def test_without_contact_a_vessel_passes_what_debris_does_not() -> None:
     assert final.debris.pos_ned_m[0, 1] < BOOM_AT_M
 
 
+@pytest.mark.medium
 def test_the_same_twice() -> None:
     runs = [
         sailed(simulation_in(Waterway(BOOM), 0.4, 0.005), 6.0, 0.6, 1.2, (Launch(0, BodyKind.BRANCH, 2.0, 6.0, 1.0),))
@@ -288,6 +295,7 @@ def test_the_same_twice() -> None:
     assert runs[0][-1].debris.pos_ned_m.tobytes() == runs[1][-1].debris.pos_ned_m.tobytes()
 
 
+@pytest.mark.medium
 def test_each_vessel_of_several_feels_its_own() -> None:
     simulation = simulation_in(Waterway(BOOM))
     rng = np.random.default_rng(1)

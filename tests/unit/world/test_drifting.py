@@ -18,8 +18,6 @@ from sim_core.world.river import FlatBed
 from sim_core.world.waterway import STILL, Afloat, StepTimes, WaterMotion, Waterway
 from sim_core.world.waterway import step as waterway_step
 
-pytestmark = pytest.mark.slow
-
 DT_NS = 20_000_000
 STILL_WATER = np.zeros((1, 3))
 
@@ -35,6 +33,7 @@ def drifted(debris: DebrisState, current: tuple[float, float], seconds: float, d
     return debris
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", [BodyKind.TRUNK, BodyKind.PLANTS])
 def test_it_comes_to_the_current_as_quadratic_drag_brings_it(kind: BodyKind) -> None:
     """w' = -w^2 / l for the slip w has the solution w0 / (1 + w0 t / l), which the step keeps exactly."""
@@ -69,6 +68,7 @@ def test_an_animal_swims_ahead() -> None:
     assert ended.pos_ned_m[0, 1] > 2.3
 
 
+@pytest.mark.medium
 def test_it_turns_a_little_and_each_in_its_own_way() -> None:
     debris = one(BodyKind.TRUNK)
     for _ in range(3):
@@ -128,9 +128,11 @@ BOOM = Capsules(
 )
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", BodyKind)
 @pytest.mark.parametrize(
-    "heading_deg", [50.0, *(pytest.param(heading_deg, marks=pytest.mark.nightly) for heading_deg in (0.0, 90.0, 200.0))]
+    "heading_deg",
+    [50.0, *(pytest.param(heading, marks=(pytest.mark.slow, pytest.mark.nightly)) for heading in (0.0, 90.0, 200.0))],
 )
 def test_the_boom_holds_it(kind: BodyKind, heading_deg: float) -> None:
     waterway = Waterway(BOOM, launches=(Launch(0, kind, 3.0, 8.0, math.radians(heading_deg)),))
@@ -140,6 +142,7 @@ def test_the_boom_holds_it(kind: BodyKind, heading_deg: float) -> None:
     assert abs(debris.vel_ned_mps[0, 1]) < 0.02
 
 
+@pytest.mark.medium
 def test_it_slides_along_a_slanting_boom() -> None:
     """63 degrees of slant: the current's part along the boom pushes more than the friction of its part across."""
     slanting = Capsules(np.array([[-20.0, 0.0]]), np.array([[20.0, 80.0]]), np.array([0.4]), ("log boom",))
@@ -150,6 +153,7 @@ def test_it_slides_along_a_slanting_boom() -> None:
     assert abs(float((late - early)[:2] @ (-along[1], along[0]))) < 0.2  # the raft is no circle, and turns
 
 
+@pytest.mark.medium
 def test_a_bank_stops_it() -> None:
     class Slope:
         def bed_down_m(self, north_east_m: np.ndarray) -> np.ndarray:

@@ -13,8 +13,6 @@ from sim_core.world.debris import BodyKind, DebrisState, Launch, drift, launched
 from sim_core.world.debris_contact import held_by
 from sim_core.world.plan import Capsules
 
-pytestmark = pytest.mark.slow
-
 LONG_NS = 20_000_000
 
 
@@ -42,6 +40,7 @@ def carried(debris: DebrisState, standing: Capsules, current: float, seconds: fl
     return states
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("current_mps", [2.0, 5.0])
 @pytest.mark.parametrize("length_m", [0.3, 1.0, 8.0])
 @pytest.mark.parametrize("kind", BodyKind)
@@ -54,6 +53,7 @@ def test_no_current_presses_a_body_through(kind: BodyKind, length_m: float, curr
     assert abs(states[-1].vel_ned_mps[0, 1]) < 0.3  # great ones still turn
 
 
+@pytest.mark.medium
 def test_nothing_comes_off_the_boom_faster_than_it_came() -> None:
     for kind in BodyKind:
         states = carried(body(kind, None, 12.0, 2.0, 0.7), boom(), 0.0, 3.0, LONG_NS)
@@ -62,6 +62,7 @@ def test_nothing_comes_off_the_boom_faster_than_it_came() -> None:
         assert min(state.vel_ned_mps[0, 1] for state in states) > -0.5
 
 
+@pytest.mark.medium
 def test_a_shorter_step_lets_nothing_go() -> None:
     """As when a vessel comes near: the step goes from 20 ms to that of the vessel, and the spring must not."""
     for kind, length_m in ((BodyKind.ANIMAL, None), (BodyKind.BRANCH, 0.5), (BodyKind.TRUNK, None)):
@@ -70,6 +71,7 @@ def test_a_shorter_step_lets_nothing_go() -> None:
         assert max(abs(float(state.vel_ned_mps[0, 1])) for state in after) < 0.05
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("length_m", [0.5, 5.0])
 def test_it_slides_where_friction_is_overcome(length_m: float) -> None:
     """By Coulomb a force along the current, which is what drag of a round body is, slides on slants above atan mu."""

@@ -23,8 +23,6 @@ from sim_core.world.plan import Capsules
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile import load_profile
 
-pytestmark = pytest.mark.slow
-
 FULL, THIRD = (load_profile(name).vehicle for name in ("asv-full", "asv-third"))
 ROCK_10_M = moved(ellipsoid((5.0, 5.0, 5.0), ROCK, 24, 16), (0.0, 0.0, 2.0))
 """Its middle at the origin, 2 m below the water: 4.6 m of radius at the waterline."""
@@ -65,6 +63,7 @@ def energy_j(vessel: VesselSpec, state: SimulationState) -> Array:
     return whole
 
 
+@pytest.mark.medium
 def test_the_nearest_place_on_a_triangle_is_that_of_dense_sampling() -> None:
     rng = np.random.default_rng(3)
     corners, points = rng.uniform(-1.0, 1.0, (200, 3, 3)), rng.uniform(-2.0, 2.0, (200, 3))
@@ -94,6 +93,7 @@ def test_the_cells_find_every_triangle_that_a_box_meets(monkeypatch: pytest.Monk
         assert sorted(triangles.within(at, at + size).tolist()) == meets.tolist()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("vessel", [FULL, THIRD], ids=["asv-full", "asv-third"])
 @pytest.mark.parametrize(("speed_mps", "dt_s"), [(1.0, 0.0025), (3.0, 0.0025), (5.0, 0.0025), (5.0, 0.005)])
 def test_a_10_m_rock_stops_a_boat_from_every_side(vessel: VesselSpec, speed_mps: float, dt_s: float) -> None:
@@ -116,6 +116,7 @@ def test_a_10_m_rock_stops_a_boat_from_every_side(vessel: VesselSpec, speed_mps:
     assert touched.all() or speed_mps < 2.0
 
 
+@pytest.mark.medium
 def test_a_boat_that_pushes_on_stays_outside() -> None:
     simulation = lake(ROCK_10_M)
     states = sailed(simulation, under_way(simulation, np.array([[-7.0, 0.3]]), np.zeros(1), 3.0), 6.0, 1.0)
@@ -127,6 +128,7 @@ def test_a_boat_that_pushes_on_stays_outside() -> None:
         assert np.linalg.norm(spheres - [0.0, 0.0, 2.0], axis=2).min() > 4.8
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("inside_out", [False, True])
 @pytest.mark.parametrize("speed_mps", [0.5, 5.0])
 def test_a_wall_whose_triangles_face_anywhere_is_not_passed(inside_out: bool, speed_mps: float) -> None:
@@ -140,6 +142,7 @@ def test_a_wall_whose_triangles_face_anywhere_is_not_passed(inside_out: bool, sp
     assert bows.max() > 7.8 - 0.02
 
 
+@pytest.mark.medium
 def test_a_pole_thinner_than_the_hull_is_felt() -> None:
     pole = moved(cylinder(0.05, 6.0, CONCRETE, sides=6), (6.0, 0.6, 0.0), UPRIGHT)  # ahead of the starboard hull
     simulation = lake(pole)
@@ -148,6 +151,7 @@ def test_a_pole_thinner_than_the_hull_is_felt() -> None:
     assert states[-1].vessel.motion.rot_ned_frd[0, 1, 0] > 0.2  # it turns about the pole, to starboard
 
 
+@pytest.mark.medium
 def test_there_is_no_force_at_a_distance_and_none_over_the_mast() -> None:
     quay = moved(box((40.0, 2.0, 4.0), CONCRETE), (0.0, 2.0, 0.0))  # 0.2 m beside the starboard hull
     bridge = moved(box((4.0, 40.0, 1.0), CONCRETE), (20.0, 0.0, -3.0))
@@ -159,6 +163,7 @@ def test_there_is_no_force_at_a_distance_and_none_over_the_mast() -> None:
         assert np.array_equal(one.vessel.motion.pos_ned_m, other.vessel.motion.pos_ned_m)
 
 
+@pytest.mark.medium
 def test_vessels_of_a_batch_feel_their_own_rocks() -> None:
     """The one beside nothing goes on as if there were nothing, the other as if it were alone."""
     simulation = lake(ROCK_10_M)

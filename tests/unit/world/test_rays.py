@@ -20,6 +20,7 @@ from sim_core.world.geometry import (
     WOOD,
     Box,
     Cylinder,
+    Mesh,
     Plane,
     Sphere,
     WorldError,
@@ -34,8 +35,6 @@ from sim_core.world.ray_backends import make_caster
 from sim_core.world.rays import Backend, Bodies, RayCaster, Scene, ScenePart, rays_near
 from tests.golden import Golden
 from tests.river import fan, river_scenery
-
-pytestmark = pytest.mark.slow
 
 # Single precision carries 24 bits: 6e-8 of the 10 m these rays go, and some operations.
 SINGLE_M = 1e-5
@@ -82,6 +81,7 @@ def rays(origin: object, direction: object) -> tuple[Array32, Array32]:
     return np.broadcast_to(np.asarray(origin), towards.shape).astype(np.float32), towards.astype(np.float32)
 
 
+@pytest.mark.medium
 def test_a_plane_is_at_its_depth_over_the_cosine(caster: RayCaster) -> None:
     angle = np.radians(np.arange(0.0, 80.0, 7.0))
     down = np.stack([0.3 * np.sin(angle), -0.954 * np.sin(angle), np.cos(angle)], axis=-1)
@@ -135,6 +135,7 @@ def test_a_box_by_its_corners(caster: RayCaster) -> None:
         np.testing.assert_allclose(hits.normal_ned[0], -sign * TURNED[:, 0], atol=1e-6)
 
 
+@pytest.mark.medium
 def test_a_body_is_met_where_its_velocity_has_brought_it(caster: RayCaster) -> None:
     """A ball that crosses at 2 m/s is 0.2 m further on for a ray that goes out 0.1 s later."""
     ball, still = sphere(0.5, HIDE, SIDES, SIDES // 2), heading_matrix(1.0)
@@ -208,6 +209,7 @@ def test_no_ray_that_meets_a_body_is_left_out(seed: int) -> None:
     assert sum(map(len, chosen.values())) < 0.2 * 25 * 3000
 
 
+@pytest.mark.medium
 def test_a_reach_hides_what_is_farther_and_is_left_as_it_was() -> None:
     caster, (origin, direction) = river_scenery().caster(), fan(3000)
     reach_m = np.full(3000, 60.0, dtype=np.float32)
@@ -219,6 +221,7 @@ def test_a_reach_hides_what_is_farther_and_is_left_as_it_was() -> None:
     np.testing.assert_array_equal(reach_m, 60.0)
 
 
+@pytest.mark.medium
 def test_embree_sees_the_whole_site_as_the_test_of_each_triangle_does() -> None:
     meshes = [part.mesh for part in river_scenery().scene.parts]
     origin, direction = fan(300)
@@ -235,3 +238,42 @@ def test_without_embree_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPat
     with pytest.raises(WorldError) as refused:
         make_caster(SCENE)
     golden("error", refused.value)
+
+
+def triangle(corners: list[list[float]], material: int) -> Mesh:
+    return Mesh(np.array(corners), np.array([[0, 1, 2]], dtype=np.int32), MATERIALS[material])
+
+
+def test_a_small_triangle_has_its_material_and_a_unit_normal_toward_the_ray() -> None:
+    """Legs of 0.2 m and 0.5 m: twice its area is 0.1 m², a ray from either side hits it at its plane."""
+    flat = triangle([[1.0, 1.0, 3.0], [1.2, 1.0, 3.0], [1.0, 1.5, 3.0]], 2)
+    tilted = triangle([[5.0, 5.0, 3.0], [5.3, 5.0, 3.0], [5.0, 5.3, 3.3]], 4)
+    point = triangle([[8.0, 8.0, 3.0]] * 3, 1)
+    caster = EmbreeCaster([flat, point, tilted])
+    assert caster.triangles == 3
+    origin, direction = rays(
+        [[1.05, 1.1, 0.0], [1.05, 1.1, 5.0], [5.05, 5.1, 0.0], [8.0, 8.0, 0.0], [0.0, 0.0, 0.0]],
+        [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]],
+    )
+    hits = caster.cast(origin, direction)
+    np.testing.assert_allclose(hits.range_m, [3.0, 2.0, 3.1, np.inf, np.inf], atol=SINGLE_M)
+    root = math.sqrt(0.5)
+    expected = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, root, -root], [0.0] * 3, [0.0] * 3]
+    np.testing.assert_allclose(hits.normal_ned, expected, atol=1e-6)
+    assert hits.material.tolist() == [2, 2, 4, -1, -1]
+    assert hits.body.tolist() == [-1] * 5
+
+
+def test_a_body_that_turned_is_met_in_its_place_and_hides_what_is_behind() -> None:
+    """A triangle in the body's own axes at 0.4 m ahead of it, which turned to the east and moves north at 1 m/s."""
+    behind = triangle([[-2.0, 20.0, -2.0], [6.0, 20.0, -2.0], [0.0, 20.0, 4.0]], 3)
+    part = triangle([[0.4, -0.2, -0.2], [0.4, 0.2, -0.2], [0.4, 0.0, 0.3]], 1)
+    bodies = Bodies((part,), np.array([[2.0, 9.6, 0.0]]), np.array([[1.0, 0.0, 0.0]]), EAST[None])
+    origin, direction = rays([[1.5, 0.0, 0.0], [2.5, 0.0, 0.0], [2.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]] * 3)
+    hits = EmbreeCaster([behind]).cast(origin, direction, bodies, np.array([-0.5, 0.5, 0.5], dtype=np.float32))
+    np.testing.assert_allclose(hits.range_m, [10.0, 10.0, 20.0], atol=SINGLE_M)
+    np.testing.assert_allclose(hits.normal_ned, [[0.0, -1.0, 0.0]] * 3, atol=1e-6)
+    assert hits.material.tolist() == [1, 1, 3]
+    assert hits.body.tolist() == [0, 0, -1]
+    empty = EmbreeCaster([]).cast(origin, direction, bodies, np.array([-0.5, 0.5, 0.5], dtype=np.float32))
+    assert empty.body.tolist() == [0, 0, -1]

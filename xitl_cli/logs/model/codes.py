@@ -152,6 +152,8 @@ REASONS: Mapping[int, str] = {
 
 FAILSAFE_REASONS = frozenset({3, 4, 5, 6, 7, 10, 11, 17, 19, 25, 28, 29, 50, 51})
 """Reasons that are a failsafe action of the autopilot."""
+OPERATOR_REASONS = frozenset({1, 2})
+"""Reasons that are a person's choice: radio control and ground station."""
 
 NAVIGATING = frozenset({"AUTO", "GUIDED", "RTL", "SMART_RTL", "LOITER", "CIRCLE", "CRUISE", "QRTL", "AUTO_RTL"})
 """Modes that steer by the position estimate."""
@@ -472,6 +474,8 @@ ARMING_METHODS: Mapping[int, str] = {
 }  # fmt: skip
 FAILSAFE_ARMING_METHODS = frozenset({5, 6, 7, 9, 10, 12, 15, 16, 18, 19, 20, 21, 23, 24, 25, 26, 29, 33})
 """Methods that are a failsafe action of the autopilot."""
+OPERATOR_ARMING_METHODS = frozenset({0, 1, 2})
+"""Methods by which a person arms and disarms."""
 
 ALL_CHECKS = 1
 ARMING_CHECKS: Mapping[int, str] = {

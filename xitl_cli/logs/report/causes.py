@@ -148,6 +148,12 @@ CAUSES = (
         30.0,
     ),
     CauseRule(
+        ("sensors.gyro_bias",),  # the gyroscope turns the force that is compared with the receiver's velocity
+        ("sensors.accel_bias",),
+        30.0,
+        to_its_end=True,
+    ),
+    CauseRule(
         ("actuation.thrust_loss", "actuation.reversed", "actuation.stuck"),
         ("actuation.unanswered",),
         15.0,

@@ -158,7 +158,8 @@ def _period_ns(stamp_ns: NDArray[np.int64]) -> tuple[float, bool]:
     if not len(wide) or len(steps) < _WINDOW_ROWS:
         return usual, False
     near = wide[wide < 2 * LONG_GAP_PERIODS]
-    even = float(np.mean(np.abs(ratio - 1.0) <= _EVEN)) > 0.5
+    # Rows that share a stamp are a burst.
+    even = np.count_nonzero(np.abs(ratio - 1.0) <= _EVEN) > 0.5 * len(steps)
     on_grid = not len(near) or float(np.mean(np.abs(near - np.rint(near)) <= _EVEN)) > 0.5
     windows = np.diff(reached[::_WINDOW_ROWS]) / usual - _WINDOW_ROWS  # missing rows in each window
     lacking = windows[windows < _WINDOW_ROWS]

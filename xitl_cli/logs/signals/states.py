@@ -261,13 +261,17 @@ def modes(log: Log) -> list[StateSpan]:
     )
 
 
+_SEVERITIES = {5: 2, 4: 3, 3: 4, 2: 6, 1: 7}
+"""MAV_SEVERITY of a level of foxglove.Log."""
+
+
 def texts(log: Log) -> list[LogText]:
     """Texts of the autopilot and of the run, in order of time."""
     found: list[LogText] = []
     sources = (
         ("MSG", "Message", None),
         ("STATUSTEXT", "text", "severity"),
-        ("/log", "message", None),
+        ("/log", "message", "level"),
         ("logged_messages", "message", "level"),
     )
     for name, field, level in sources:
@@ -277,6 +281,8 @@ def texts(log: Log) -> list[LogText]:
         levels = None if level is None or level not in table.columns else table.values(level, raw=True)
         for row, (at_ns, text) in enumerate(zip(table.stamp_ns.tolist(), table.values(field), strict=True)):
             severity = None if levels is None else int(levels[row])
+            if name == "/log" and severity is not None:
+                severity = _SEVERITIES.get(severity)
             found.append(LogText(at_ns, str(text), severity, f"{name}.{field}"))
     return sorted(found, key=lambda text: text.at_ns)
 

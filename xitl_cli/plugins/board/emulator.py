@@ -120,6 +120,7 @@ def attach(path: Path, log: Path) -> None:
     try:
         connection.connect(str(path))
     except OSError as error:
+        connection.close()
         raise UserError(f"{path}: the console does not answer ({error.strerror}); close it elsewhere") from None
     source, sink = sys.stdin.fileno(), sys.stdout.fileno()
     os.write(sink, log.read_bytes()[-2000:])

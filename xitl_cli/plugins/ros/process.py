@@ -14,6 +14,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -195,8 +196,7 @@ class RosBridge:
 
 def main(arguments: list[str]) -> None:
     """Run the process; see the module."""
-    pipe = Pipe.of_process(socket.socket(fileno=int(arguments[0])))
-    with until_closed():
+    with closing(Pipe.of_process(socket.socket(fileno=int(arguments[0])))) as pipe, until_closed():
         start, *rest = pipe.receive_first()
         try:
             middleware = open_middleware(start.profiles[0].ros)

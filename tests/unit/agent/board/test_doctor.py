@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
-from agent.board import doctor
+from agent.board import doctor, latency
 from agent.board.doctor import (
     OK,
     PROBLEM,
@@ -17,6 +18,7 @@ from agent.board.doctor import (
     findings_text,
     findings_to_objects,
 )
+from agent.wire.transport import AddressInUseError, TransportError
 
 LIMITS = """\
 Limit                     Soft Limit           Hard Limit           Units
@@ -206,3 +208,187 @@ def test_findings_for_people_and_programs() -> None:
     for broken in (None, [1], [{"check": "a"}], [{"check": "a", "level": "fatal", "found": ""}]):
         with pytest.raises(ValueError, match="not findings"):
             findings_from_objects(broken)
+
+
+@pytest.mark.parametrize("missing", [True, False])
+@pytest.mark.parametrize(
+    ("link", "level"),
+    [(None, OK), ("udp://:1", OK), ("serial:///dev/ttyS0", PROBLEM), ("can://socketcan/can0", PROBLEM)],
+)
+def test_a_package_is_missed_by_a_link_that_needs_it(
+    monkeypatch: pytest.MonkeyPatch, missing: bool, link: str | None, level: str
+) -> None:
+    def load(name: str) -> None:
+        if missing:
+            raise ImportError(name)
+
+    monkeypatch.setattr(doctor, "import_module", load)
+    found = doctor.check_packages(link)
+    assert [one.check for one in found] == ["pyserial", "python-can"]
+    needed = "pyserial" if link is not None and link.startswith("serial") else "python-can"
+    for one in found:
+        expected = level if missing and one.check == needed else OK
+        assert one.level == expected
+        assert bool(one.advice) == (expected == PROBLEM)
+
+
+class Opened:
+    closed = 0
+
+    def close(self) -> None:
+        Opened.closed += 1
+
+
+@pytest.mark.parametrize(
+    ("url", "error", "level", "found"),
+    [
+        (None, None, OK, "udp://127.0.0.1:14660 can be opened"),
+        ("udp://:5", None, OK, "udp://:5 can be opened"),
+        (None, AddressInUseError("here", "is in use", "stop it"), WARNING, "here: is in use"),
+        ("udp://:5", AddressInUseError("here", "is in use", "stop it"), PROBLEM, "here: is in use"),
+        ("udp://:5", TransportError("there", "is no address", "write one"), PROBLEM, "there: is no address"),
+    ],
+)
+def test_a_link_is_opened_and_closed_again(
+    monkeypatch: pytest.MonkeyPatch, url: str | None, error: TransportError | None, level: str, found: str
+) -> None:
+    def open_transport(link: str, listen: bool) -> Opened:
+        assert listen
+        if error is not None:
+            raise error
+        return Opened()
+
+    monkeypatch.setattr(doctor, "open_transport", open_transport)
+    before = Opened.closed
+    finding = doctor.check_link(url)
+    assert (finding.level, finding.found) == (level, found)
+    assert Opened.closed - before == (error is None)
+    in_use = isinstance(error, AddressInUseError)
+    assert finding.advice == (
+        "" if error is None else "if an agent already runs here, nothing is wrong" if in_use else error.fix
+    )
+
+
+FOUND = [DoctorFinding("link", WARNING, "is in use", "stop it"), DoctorFinding("disk", OK, "90 MiB")]
+
+
+def test_findings_are_printed_for_people_programs_and_the_host(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[object] = []
+
+    def examine(link: str | None, oldest: tuple[int, int]) -> list[DoctorFinding]:
+        asked.append((link, oldest))
+        return FOUND
+
+    monkeypatch.setattr(doctor, "examine", examine)
+    assert doctor.main(["--link", "udp://:5"], "agent doctor") == 0
+    assert capsys.readouterr().out == findings_text(FOUND) + "\n"
+    assert asked == [("udp://:5", (3, 9))]
+    assert doctor.main(["--json"], "agent doctor") == 0
+    assert findings_from_objects(json.loads(capsys.readouterr().out)) == FOUND
+    assert doctor.main(["--for-host"], "agent doctor") == 0
+    mark, _, text = capsys.readouterr().out.partition("{")
+    assert mark == doctor.MARK
+    assert findings_from_objects(json.loads("{" + text)["findings"]) == FOUND
+    monkeypatch.setattr(doctor, "examine", lambda link, oldest: [DoctorFinding("link", PROBLEM, "is gone", "")])
+    assert doctor.main([], "agent doctor") == 1
+
+
+@pytest.mark.parametrize(("holds", "code"), [(True, 0), (False, 1)])
+def test_a_measured_latency_is_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], holds: bool, code: int
+) -> None:
+    plans: list[latency.LatencyPlan] = []
+
+    def measure(plan: latency.LatencyPlan) -> dict[str, object]:
+        plans.append(plan)
+        return {"loops": []}
+
+    monkeypatch.setattr(latency, "measure", measure)
+    monkeypatch.setattr(latency, "holds_all", lambda report: holds)
+    monkeypatch.setattr(latency, "report_text", lambda report: "in words")
+    assert doctor.main(["--latency"], "agent doctor") == code
+    assert capsys.readouterr().out == "in words\n"
+    arguments = ["--latency", "--rate", "100", "--rate", "50", "--duration", "2", "--load", "--agent", "udp://:1"]
+    assert doctor.main([*arguments, "--json"], "agent doctor") == code
+    assert json.loads(capsys.readouterr().out) == {"loops": []}
+    assert doctor.main(["--latency", "--for-host"], "agent doctor") == code
+    assert capsys.readouterr().out == doctor.MARK + '{"latency": {"loops": []}}\n'
+    usual = latency.LatencyPlan((400.0,), 10.0, False, "")
+    assert plans == [usual, latency.LatencyPlan((100.0, 50.0), 2.0, True, "udp://:1"), usual]
+
+
+def test_a_latency_that_cannot_be_measured_is_an_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def measure(plan: latency.LatencyPlan) -> None:
+        raise latency.LatencyError("no agent there")
+
+    monkeypatch.setattr(latency, "measure", measure)
+    assert doctor.main(["--latency"], "agent doctor") == 2
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", "error: no agent there\n")
+    assert doctor.main(["--latency", "--for-host"], "agent doctor") == 2
+    assert capsys.readouterr().out == doctor.MARK + '{"error": "no agent there"}\n'
+
+
+@pytest.mark.parametrize(("millidegrees", "level"), [(["80000"], OK), (["80001", "20000"], WARNING), (["x", ""], OK)])
+def test_the_hottest_sensor_counts(tmp_path: Path, millidegrees: list[str], level: str) -> None:
+    files = {f"sys/class/thermal/thermal_zone{number}/temp": text for number, text in enumerate(millidegrees)}
+    found = doctor.check_temperature(machine(tmp_path, files))
+    assert found.level == level
+    assert found.found == {"80000": "80 °C", "80001": "80 °C"}.get(millidegrees[0], "no sensor")
+
+
+@pytest.mark.parametrize(
+    ("states", "level", "found"),
+    [
+        ({}, OK, "no interface (matters only for a link over USB)"),
+        ({"usb0": "up", "usb1": "down"}, OK, "usb0 up, usb1 down"),
+        ({"usb0": "down"}, WARNING, "usb0 down"),
+        ({"usb0": ""}, OK, "usb0 unknown"),
+        ({"eth0": "up"}, OK, "no interface (matters only for a link over USB)"),
+    ],
+)
+def test_usb_interfaces(tmp_path: Path, states: dict[str, str], level: str, found: str) -> None:
+    machine(tmp_path, {f"sys/class/net/{name}/operstate": state for name, state in states.items()})
+    finding = doctor.check_usb_ethernet(tmp_path)
+    assert (finding.level, finding.found) == (level, found)
+    assert finding.advice == ("check the cable; sudo ip link set usb0 up" if level == WARNING else "")
+
+
+@pytest.mark.parametrize(
+    ("flags", "level"), [("0x1\n", OK), ("0x40c1", OK), ("0x40c0", WARNING), ("up", WARNING), ("", WARNING)]
+)
+def test_can_interfaces(tmp_path: Path, flags: str, level: str) -> None:
+    machine(tmp_path, {"sys/class/net/can0/type": "280\n", "sys/class/net/can0/flags": flags})
+    machine(tmp_path, {"sys/class/net/eth0/type": "1\n", "sys/class/net/eth0/flags": "0x1"})
+    (finding,) = doctor.check_can_interfaces(tmp_path)
+    assert (finding.level, finding.found) == (level, "can0 is up" if level == OK else "can0 is down")
+
+
+def test_all_checks_are_made_of_a_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "loop_rate_hz", lambda: 12_340_000.0)
+    monkeypatch.setattr(doctor, "open_transport", lambda link, listen: Opened())
+    found = {one.check: one.found for one in doctor.examine("udp://:5", (3, 9), tmp_path)}
+    names = [
+        "python",
+        "pyserial",
+        "python-can",
+        "kernel",
+        "real time",
+        "memory lock",
+        "processors",
+        "speed",
+        "CPU clock",
+    ]
+    names += ["temperature", "memory", "disk", "clock", "date", "sockets", "USB-Ethernet", "serial", "CAN", "link"]
+    assert [name.lower() for name in found] == [name.lower() for name in names]
+    assert found["speed"] == "12.34 million passes of a fixed Python loop per second"
+    assert found["link"] == "udp://:5 can be opened"
+
+
+@pytest.mark.parametrize(("count", "found"), [(1, "1: other programs take time from the agent"), (2, "2")])
+def test_processors(count: int, found: str) -> None:
+    assert doctor.check_processors(count) == DoctorFinding("processors", OK, found)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
 import pytest
 
+from agent.bridges.counts import BridgeCounts
+from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.role import MotorOutputs, actuators_message, updated_pulses_us
 from agent.wire import dialect as mav
 
@@ -56,3 +59,32 @@ def test_on_the_wire() -> None:
     assert (message.time_usec, message.imu_time_usec, message.imu_receive_usec, message.tick) == (13, 11, 12, 14)
     assert (message.count, message.flags, list(message.command)) == (2, 1, [0.5, -0.5] + [0.0] * 6)
     assert len(actuators_message((0.1,) * 12, False, 0, 0, 0, 0).command) == 8
+
+
+def test_an_injector_that_takes_nothing_lets_the_autopilot_run() -> None:
+    """The defaults of the interface: no outputs, nothing to wait for, nothing counted."""
+    injector, counts = Injector(), InjectorCounters()
+    injector.repeat(1)
+    injector.serve(1)
+    assert injector.advance(1)
+    assert injector.run_on(1)
+    assert (injector.pulses(), injector.commands()) == (None, None)
+    assert (tuple(injector.descriptors()), injector.addresses) == ((), ())
+    injector.close()
+    assert not any(getattr(counts, count.name) for count in fields(counts))
+
+
+def test_counts_of_several_injectors_add_up_but_their_rate_is_the_highest() -> None:
+    parts = [BridgeCounts(imu_out=3, unsent=1, world_rate=400), BridgeCounts(imu_out=4, junk=7, world_rate=1200)]
+    total = BridgeCounts.total(parts)
+    assert total == BridgeCounts(imu_out=7, unsent=1, junk=7, world_rate=1200)
+    assert BridgeCounts.total([]) == BridgeCounts()
+
+
+def test_a_count_beyond_its_type_is_the_largest_of_the_type() -> None:
+    counts = BridgeCounts(imu_out=2**32, unsent=2**32 - 1, world_rate=65536, connected=256)
+    on_wire = counts.on_wire()
+    assert (on_wire["imu_out"], on_wire["unsent"]) == (2**32 - 1, 2**32 - 1)
+    assert (on_wire["world_rate"], on_wire["connected"], on_wire["junk"]) == (65535, 255, 0)
+    message = mav.MAVLink_xitl_bridge_status_message(0, **on_wire)
+    assert BridgeCounts.of_message(message) == BridgeCounts(**on_wire)

@@ -329,6 +329,40 @@ def test_after_the_end_the_autopilot_runs_on_for_a_second_and_then_as_long_as_it
     assert len(way.ran_on_ns) == before + 2
 
 
+@pytest.mark.parametrize(
+    ("rests_s", "left_s"),
+    [
+        ((), 0.3),  # it never follows
+        ((0.29, 0.29), 0.88),  # two steps, each just in time
+        ((0.29,) * 9, 1.5),  # each in time, but the whole is limited
+    ],
+)
+def test_after_the_end_an_autopilot_that_does_not_follow_is_left(
+    make: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch, rests_s: tuple[float, ...], left_s: float
+) -> None:
+    """After 0.3 s without progress, or 1.5 s in all."""
+    way = Way(pulses_us=[1900] * 3)
+    bench = make(way)
+    bench.start(LOCKSTEP)
+    bench.exchange()
+    now_s, due_s = [5000.0], [5000.0 + sum(rests_s[: number + 1]) for number in range(len(rests_s))]
+
+    def rest(seconds: float) -> None:
+        now_s[0] += seconds
+
+    def run_on(now_ns: int) -> bool:
+        if due_s and now_s[0] >= due_s[0]:
+            due_s.pop(0)
+            return True
+        return False
+
+    monkeypatch.setattr(role, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(role, "sleep", rest)
+    monkeypatch.setattr(way, "run_on", run_on)
+    bench.stop()
+    assert now_s[0] - 5000.0 == pytest.approx(left_s, abs=0.004)
+
+
 def test_an_autopilot_that_has_left_is_not_waited_for_at_the_end(make: Callable[..., Bench]) -> None:
     way = Way(pulses_us=[1900] * 3)
     bench = make(way)

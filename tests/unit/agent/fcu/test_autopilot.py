@@ -95,7 +95,7 @@ def test_a_square_is_sailed(current, push, limit_m: float) -> None:
 
 
 @pytest.mark.parametrize(("name", "hull"), [("full", Hull()), ("third", THIRD)])
-@pytest.mark.slow
+@pytest.mark.medium
 def test_shipped_parameters_sail_their_vessel(name: str, hull: Hull) -> None:
     boat, sensors, autopilot = Boat(hull=hull, current_ne_mps=(0.2, 0.2)), Sensors(5, Noise(gnss_drift_m=0.3)), ready()
     autopilot.parameters.load((FIRMWARE_PARAMS / f"embedded-asv-{name}.parm").read_text())

@@ -68,7 +68,7 @@ def test_hold_is_neutral() -> None:
 
 @pytest.mark.parametrize("current", CURRENTS, ids=str)
 @pytest.mark.parametrize("loiter_type", [0, 1, 2])
-@pytest.mark.slow
+@pytest.mark.medium
 def test_loiter_keeps_its_place_in_a_current(current: tuple[float, float], loiter_type: int) -> None:
     """Within the radius once it has settled; 0.3 m more for what the estimate is off."""
     ship = SteeredBoat(Boat(current_ne_mps=current, yaw_rad=2.0), LOIT_RADIUS=3.0, LOIT_TYPE=loiter_type).set_out(

@@ -11,7 +11,7 @@ from python39 import pairwise
 
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.return_path import ReturnPath, thinned
-from agent.fcu.vehicle_state import EventQueue
+from agent.fcu.vehicle_state import INFO, WARNING, EventQueue
 from agent.navigation.geodetic import LocalProjection
 
 FRAME = LocalProjection(-8.8, -63.95, 50.0)
@@ -183,3 +183,190 @@ def test_any_way_is_tidied_and_ends_where_it_ended(places: list[tuple[float, flo
     points = trail.tidied()
     assert math.dist(points[0], (0.0, 0.0)) < 2.0
     assert math.dist(points[-1], trail.place) < 4.0
+
+
+class Steps:
+    """A path through given places, one a second."""
+
+    def __init__(self, *places: tuple[float, float], **parameters: float) -> None:
+        self.events = EventQueue()
+        self.path = ReturnPath(Parameters({"SRTL_ACCURACY": 2.0, **parameters}), self.events)
+        self.now_ns = 0
+        self.go(*places)
+
+    def go(self, *places: tuple[float, float], each_ns: int = SECOND) -> None:
+        for place in places:
+            self.now_ns += each_ns
+            self.path.update(FRAME, place, self.now_ns, True)
+
+    def tidied(self) -> list[tuple[float, float]]:
+        while not self.path.tidy():
+            pass
+        return self.path.points
+
+
+def mirrored(place: tuple[float, float], swaps: bool, sign: float) -> tuple[float, float]:
+    north_m, east_m = reversed(place) if swaps else place
+    return sign * north_m, east_m
+
+
+@pytest.mark.parametrize("swaps", [False, True])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("places", "expected"),
+    [
+        pytest.param(
+            # (0, 0) + 2/3 (60, 30) = (60, -20) + 2/3 (-30, 60)
+            [(0.0, 0.0), (60.0, 30.0), (60.0, -20.0), (30.0, 40.0)],
+            [(0.0, 0.0), (40.0, 20.0), (30.0, 40.0)],
+            id="lines that cross",
+        ),
+        pytest.param(
+            [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (40.0, 1.0)],
+            [(0.0, 0.0), (40.0, 0.5), (40.0, 1.0)],
+            id="the end is near the first line",
+        ),
+        pytest.param(
+            [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (40.0, 1.0), (30.0, 60.0)],
+            [(0.0, 0.0), (40.0, 0.5), (30.0, 60.0)],
+            id="a later corner is near the first line",
+        ),
+        pytest.param(
+            [(0.0, 0.0), (-60.0, 10.0), (-60.0, -30.0), (1.0, -30.0), (1.0, 40.0)],
+            [(0.0, 0.0), (0.5, 0.0), (1.0, 40.0)],
+            id="the last line is near the start",
+        ),
+        pytest.param(
+            [(-60.0, 10.0), (0.0, 0.0), (-60.0, -30.0), (1.0, -30.0), (1.0, 40.0)],
+            [(-60.0, 10.0), (0.5, 0.0), (1.0, 40.0)],
+            id="the last line is near an earlier corner",
+        ),
+        pytest.param(
+            [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (40.0, 1.99)],
+            [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (40.0, 1.99)],
+            id="not within 0.99 SRTL_ACCURACY",
+        ),
+        pytest.param(
+            [(0.0, 0.0), (80.0, 0.0), (80.0, 3.0), (10.0, 3.0)],
+            [(0.0, 0.0), (80.0, 0.0), (80.0, 3.0), (10.0, 3.0)],
+            id="back beside the way there",
+        ),
+        pytest.param(
+            [(0.0, 0.0), (30.0, 30.0), (30.0, 10.0), (10.0, 30.0)],
+            [(0.0, 0.0), (20.0, 20.0), (10.0, 30.0)],
+            id="at right angles",
+        ),
+        pytest.param(
+            # Two loops: each crosses the first line, the later one nearer to the start.
+            [(0.0, 0.0), (90.0, 0.0), (90.0, 20.0), (60.0, 20.0), (60.0, -20.0), (30.0, -20.0), (30.0, 20.0)],
+            [(0.0, 0.0), (30.0, 0.0), (30.0, 20.0)],
+            id="two loops",
+        ),
+        pytest.param(
+            [(0.0, 0.0), (50.0, 0.0), (50.0, 20.0), (30.0, 20.0), (30.0, -80.0), (60.0, -80.0), (20.0, -60.0)],
+            [(0.0, 0.0), (30.0, 0.0), (30.0, -65.0), (20.0, -60.0)],
+            id="a loop after another",
+        ),
+    ],
+)
+def test_a_path_returns_by_the_point_where_it_comes_near_itself(
+    places: list[tuple[float, float]], expected: list[tuple[float, float]], swaps: bool, sign: float
+) -> None:
+    points = Steps(*(mirrored(place, swaps, sign) for place in places)).tidied()
+    assert points == [pytest.approx(mirrored(place, swaps, sign), abs=1e-9) for place in expected]
+
+
+def test_thinning_removes_points_up_to_the_distance() -> None:
+    """The farthest point remains first, then those that are far from the two parts."""
+    corner = [(0.0, 0.0), (5.0, 1.0), (10.0, 0.0)]
+    assert thinned(corner, 1.0) == [corner[0], corner[2]]
+    assert thinned(corner, 0.99) == corner
+    # From (0, 0) to (10, 10), (10, 0) is 7 m off and (5, -1) lies 1 m off the line to it.
+    wave = [(0.0, 0.0), (5.0, -1.0), (10.0, 0.0), (11.5, 5.0), (10.0, 10.0)]
+    assert thinned(wave, 0.9) == wave
+    assert thinned(wave, 1.2) == [wave[0], wave[2], wave[3], wave[4]]
+    assert thinned(wave, 1.6) == [wave[0], wave[2], wave[4]]
+    assert thinned(wave, 8.0) == [wave[0], wave[4]]
+    # Beyond the end of the line, the distance counts to the end.
+    assert thinned([(0.0, 0.0), (13.0, 0.0), (10.0, 0.0)], 2.9) == [(0.0, 0.0), (13.0, 0.0), (10.0, 0.0)]
+    assert thinned([(0.0, 0.0), (-3.0, 0.0), (10.0, 0.0)], 2.9) == [(0.0, 0.0), (-3.0, 0.0), (10.0, 0.0)]
+    assert thinned([(1.0, 2.0), (4.0, 6.0), (1.0, 2.0)], 4.9) == [(1.0, 2.0), (4.0, 6.0), (1.0, 2.0)]
+    assert thinned([(1.0, 2.0), (4.0, 6.0), (1.0, 2.0)], 5.0) == [(1.0, 2.0), (1.0, 2.0)]
+
+
+def test_a_position_is_stored_at_the_accuracy_from_the_last() -> None:
+    steps = Steps((0.0, 0.0), (0.0, 1.9), (0.0, 2.0), (0.0, 3.9), (3.0, 2.0))
+    assert steps.path.points == [(0.0, 0.0), (0.0, 2.0), (3.0, 2.0)]
+
+
+def test_a_straight_way_is_thinned_at_each_fifty_new_positions() -> None:
+    """ArduPilot's AP_SmartRTL.h: SMARTRTL_CLEANUP_POINT_TRIGGER 50."""
+    way = [(2.0 * step, 0.0) for step in range(200)]
+    steps = Steps(*way[:49])
+    assert len(steps.path.points) == 49
+    steps.go(way[49])
+    assert steps.path.points == [way[0], way[49]]
+    steps.go(*way[50:99])
+    assert len(steps.path.points) == 51
+    steps.go(way[99])
+    assert steps.path.points == [way[0], way[49], way[99]]
+
+
+def test_loops_are_removed_when_ten_positions_are_free() -> None:
+    """ArduPilot's AP_SmartRTL.h: SMARTRTL_CLEANUP_START_MARGIN 10."""
+    loop = [(0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (15.0, 20.0), (15.0, -20.0)]
+    # A staircase, whose corners remain
+    stairs = [(21.0 + 6.0 * (step // 2), -20.0 - 6.0 * ((step + 1) // 2)) for step in range(20)]
+    steps = Steps(*loop, *stairs[:15], SRTL_POINTS=30.0)
+    assert steps.path.points == [*loop, *stairs[:15]]
+    steps.go(stairs[15])
+    assert steps.path.points == [(0.0, 0.0), (15.0, 0.0), (15.0, -20.0), *stairs[:16]]
+    assert not steps.events.drain()
+
+
+def test_a_path_with_few_free_positions_warns_every_ten_seconds() -> None:
+    stairs = [(6.0 * (step // 2), 6.0 * ((step + 1) // 2)) for step in range(100)]
+    steps = Steps(*stairs[:20], SRTL_POINTS=30.0)
+    assert not steps.events.drain()
+    warned = []
+    for place in stairs[20:]:
+        steps.go(place, each_ns=SECOND)
+        warned += [(steps.now_ns // SECOND, event.severity, event.text) for event in steps.events.drain()]
+    # 30 positions are stored at 30 s. After 15 s without room, the path is given up.
+    assert warned == [
+        (21, INFO, "SmartRTL Low on space!"),
+        (31, INFO, "SmartRTL Low on space!"),
+        (41, INFO, "SmartRTL Low on space!"),
+        (46, WARNING, "SmartRTL deactivated: buffer full"),
+    ]
+    assert steps.path.points == []
+
+
+@pytest.mark.parametrize(("late_ns", "problem"), [(15 * SECOND, ""), (15 * SECOND + 1, "bad position")])
+def test_a_path_is_given_up_after_fifteen_seconds_without_a_position(late_ns: int, problem: str) -> None:
+    """ArduPilot's AP_SmartRTL.h: SMARTRTL_TIMEOUT 15000 ms."""
+    steps = Steps((0.0, 0.0), (5.0, 0.0), (5.5, 0.0))  # the last one is near, and counts as a position
+    steps.path.update(FRAME, None, steps.now_ns + late_ns, True)
+    assert steps.path.problem == problem
+
+
+def test_a_parameter_that_permits_a_path_again_starts_it_at_the_next_position() -> None:
+    steps = Steps((0.0, 0.0), (5.0, 0.0))
+    steps.path.configure(Parameters({"SRTL_POINTS": 0.0}))
+    steps.go((9.0, 0.0))
+    assert (steps.path.points, steps.path.problem) == ([], "SRTL_POINTS is 0")
+    steps.path.configure(Parameters({"SRTL_ACCURACY": 0.0}))
+    steps.go((12.0, 0.0))
+    assert (steps.path.points, steps.path.problem) == ([], "SRTL_POINTS is 0")
+    steps.path.configure(Parameters({"SRTL_ACCURACY": 1.0, "SRTL_POINTS": 1.0}))
+    steps.go((15.0, 0.0), (20.0, 0.0))
+    assert (steps.path.points, steps.path.problem) == ([(15.0, 0.0)], "")
+
+
+def test_after_the_path_was_followed_it_grows_from_the_position_reached() -> None:
+    steps = Steps((0.0, 0.0), (30.0, 0.0), (30.0, 30.0))
+    assert steps.tidied() == [(0.0, 0.0), (30.0, 0.0), (30.0, 30.0)]
+    steps.path.points.pop()
+    steps.path.leave()
+    steps.go((34.0, 0.0), (34.0, -30.0), (10.0, -30.0), (10.0, 8.0))
+    assert steps.tidied() == [pytest.approx(place, abs=1e-9) for place in [(0.0, 0.0), (10.0, 0.0), (10.0, 8.0)]]

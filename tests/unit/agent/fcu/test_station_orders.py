@@ -264,3 +264,81 @@ def test_checks_are_told_when_they_are_asked_for() -> None:
     channel = MavlinkChannel(Autopilot())
     assert answer(channel, 401) == ACCEPTED
     assert "PreArm: Gyros not healthy" in texts(channel, 10**9)
+
+
+@pytest.mark.parametrize(
+    ("number", "values", "result"),
+    [
+        (mav.MAV_CMD_SET_MESSAGE_INTERVAL, (30, -1.0), ACCEPTED),
+        (mav.MAV_CMD_SET_MESSAGE_INTERVAL, (30, -1.5), DENIED),
+        (mav.MAV_CMD_SET_MESSAGE_INTERVAL, (30, 1e10), ACCEPTED),
+        (mav.MAV_CMD_SET_MESSAGE_INTERVAL, (30, 1.1e10), DENIED),
+        (mav.MAV_CMD_SET_MESSAGE_INTERVAL, (30, math.nan), DENIED),
+        (mav.MAV_CMD_SET_MESSAGE_INTERVAL, (60_000, 1e5), DENIED),
+        (mav.MAV_CMD_SET_MESSAGE_INTERVAL, (30.5, 1e5), DENIED),
+        (mav.MAV_CMD_GET_MESSAGE_INTERVAL, (0,), ACCEPTED),
+        (mav.MAV_CMD_GET_MESSAGE_INTERVAL, (65_535,), ACCEPTED),
+        (mav.MAV_CMD_GET_MESSAGE_INTERVAL, (65_536,), DENIED),
+        (mav.MAV_CMD_GET_MESSAGE_INTERVAL, (-1,), DENIED),
+        (mav.MAV_CMD_REQUEST_MESSAGE, (244, 30), ACCEPTED),
+        (mav.MAV_CMD_REQUEST_MESSAGE, (244, 65_536), DENIED),
+        (mav.MAV_CMD_REQUEST_MESSAGE, (435, -1), DENIED),
+        (mav.MAV_CMD_REQUEST_MESSAGE, (435, len(modes.TABLE)), ACCEPTED),
+        (mav.MAV_CMD_REQUEST_MESSAGE, (435, len(modes.TABLE) + 1), DENIED),
+        (mav.MAV_CMD_REQUEST_MESSAGE, (60_000,), UNSUPPORTED),
+        (mav.MAV_CMD_REQUEST_MESSAGE, (30,), ACCEPTED),
+        (mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, (1,), ACCEPTED),
+        (mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, (0,), DENIED),
+        (mav.MAV_CMD_DO_JUMP_TAG, (65_535,), FAILED),
+        (mav.MAV_CMD_DO_JUMP_TAG, (65_536,), DENIED),
+        (mav.MAV_CMD_DO_JUMP_TAG, (-1,), DENIED),
+        (mav.MAV_CMD_DO_AUX_FUNCTION, (11, -1), DENIED),
+        (mav.MAV_CMD_DO_CHANGE_SPEED, (0, 2), ACCEPTED),
+        (mav.MAV_CMD_DO_CHANGE_SPEED, (-1, 2), DENIED),
+        (mav.MAV_CMD_DO_SET_MODE, (0, 4), DENIED),
+        (mav.MAV_CMD_DO_SET_MODE, (-1, 4), DENIED),
+        (mav.MAV_CMD_DO_SET_MODE, (81, 15), ACCEPTED),
+        (mav.MAV_CMD_DO_SET_MODE, (80, 15), DENIED),
+        (mav.MAV_CMD_COMPONENT_ARM_DISARM, (2,), UNSUPPORTED),
+        (mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, (1,), DENIED),  # armed
+        (mav.MAV_CMD_PREFLIGHT_STORAGE, (0,), REJECTED),  # armed
+        (mav.MAV_CMD_PREFLIGHT_STORAGE, (3,), DENIED),
+        (mav.MAV_CMD_PREFLIGHT_STORAGE, (-1,), DENIED),
+        (mav.MAV_CMD_DO_SET_MISSION_CURRENT, (5,), DENIED),
+        (mav.MAV_CMD_GET_HOME_POSITION, (), ACCEPTED),
+    ],
+)
+def test_values_of_commands_on_either_side_of_their_limits(
+    station: MavlinkChannel, number: int, values: tuple[float, ...], result: int
+) -> None:
+    assert answer(station, number, *values) == result
+
+
+@pytest.mark.parametrize(
+    ("storage", "action", "result"), [(False, 0, FAILED), (True, 0, ACCEPTED), (True, 1, ACCEPTED), (True, 2, ACCEPTED)]
+)
+def test_parameters_are_kept_and_forgotten_where_there_is_a_storage(storage: bool, action: int, result: int) -> None:
+    calls: list[str] = []
+
+    class Storage:
+        def keep_all_parameters(self, autopilot: Autopilot) -> None:
+            calls.append("kept")
+
+        def forget_parameters(self, autopilot: Autopilot) -> None:
+            calls.append("forgot")
+
+    channel = MavlinkChannel(Autopilot(), ground=True)
+    channel.hub.storage = Storage() if storage else None  # type: ignore[assignment]
+    assert answer(channel, mav.MAV_CMD_PREFLIGHT_STORAGE, action) == result
+    assert calls == ([] if not storage else [[], ["kept"], ["forgot"]][action])
+    of_host = MavlinkChannel(Autopilot())
+    of_host.hub.storage = Storage()  # type: ignore[assignment]
+    assert answer(of_host, mav.MAV_CMD_PREFLIGHT_STORAGE, action) == FAILED, "the host stores nothing"
+
+
+def test_a_disarmed_vessel_reboots() -> None:
+    channel = MavlinkChannel(Autopilot(), ground=True)
+    for value, result in ((0.0, DENIED), (2.0, DENIED), (1.0, ACCEPTED)):
+        assert not channel.hub.reboot_asked
+        assert answer(channel, mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, value) == result
+    assert channel.hub.reboot_asked

@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import pytest
+from python39 import pairwise
 
-from agent.timing.sync import HISTORY, ClockSync
+from agent.timing.sync import HISTORY, ClockSync, Point, _Line, _lines, _lower_hull, _weighted_slope
 
 SECOND = 1_000_000_000
 Exchange = tuple[int, int, int, int]
@@ -153,7 +154,7 @@ def test_offset_and_drift_after_a_minute_of_two_millisecond_jitter(drift: float,
     assert sync.to_local(truth.remote(60 * SECOND)) == pytest.approx(60 * SECOND, abs=100e3)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("kind", DELAYS)
 def test_two_milliseconds_of_any_jitter_with_a_floor(kind: str) -> None:
     """Drift within 1 ppm and offset within 100 us after a minute, 80 ppm and 3 s apart, over many seeds.
@@ -302,3 +303,65 @@ def test_the_history_is_bounded() -> None:
 def test_the_drift_bound_must_make_sense() -> None:
     with pytest.raises(ValueError, match="max_drift_ppm = 0"):
         ClockSync(max_drift_ppm=0)
+
+
+def gap_of(there: list[Point], back: list[Point], slope: float) -> float:
+    """Height between the two edges at a slope, by their definition."""
+    return min(y - slope * x for x, y in there) + min(y + slope * x for x, y in back)
+
+
+def gap_on(lines: list[_Line], slope: float) -> float:
+    line = next(line for line in lines if line.start <= slope <= line.end)
+    return line.top - line.fall * slope
+
+
+EDGES: list[tuple[list[Point], list[Point]]] = [
+    ([(0.0, 5.0)], [(1.0, 3.0)]),
+    ([(0.0, 4.0), (10.0, 1.0), (30.0, 2.0), (60.0, 40.0)], [(2.0, 3.0), (12.0, 0.5), (31.0, 1.5), (61.0, 90.0)]),
+    ([(0.0, 0.0), (5.0, 100.0)], [(1.0, 50.0), (6.0, 0.0)]),
+]
+
+
+@pytest.mark.parametrize(("there", "back"), EDGES)
+def test_the_gap_between_the_edges_is_known_at_each_slope(there: list[Point], back: list[Point]) -> None:
+    lines = _lines(_lower_hull(there), _lower_hull(back), 0.5)
+    assert (lines[0].start, lines[-1].end) == (-0.5, 0.5)
+    for before, after in pairwise(lines):
+        assert before.end == after.start
+    for step in range(-50, 51):
+        slope = 0.01 * step
+        assert gap_on(lines, slope) == pytest.approx(gap_of(there, back, slope)), slope
+
+
+@pytest.mark.parametrize(("there", "back"), EDGES)
+@pytest.mark.parametrize("per_ns", [0.05, 0.7])
+def test_the_mean_slope_is_weighted_by_the_gap(there: list[Point], back: list[Point], per_ns: float) -> None:
+    """Against sums over a fine grid of slopes, of exp(gap per_ns)."""
+    lines = _lines(_lower_hull(there), _lower_hull(back), 0.5)
+    likeliest = max(lines, key=_Line.at_start).start
+    count = 20_000
+    slopes = [-0.5 + (number + 0.5) / count for number in range(count)]
+    weights = [math.exp((gap_of(there, back, slope) - gap_of(there, back, likeliest)) * per_ns) for slope in slopes]
+    total = sum(weights)
+    mean = sum(slope * weight for slope, weight in zip(slopes, weights)) / total
+    square = sum((slope - mean) ** 2 * weight for slope, weight in zip(slopes, weights)) / total
+    found = _weighted_slope(lines, likeliest, per_ns)
+    assert found == pytest.approx((mean, math.sqrt(square)), rel=1e-4, abs=1e-6)
+
+
+def test_a_lower_hull_is_below_all_points() -> None:
+    points = [
+        (3.0, 1.0),
+        (0.0, 2.0),
+        (1.0, 1.5),
+        (2.0, 0.0),
+        (4.0, 5.0),
+        (2.0, 7.0),
+        (0.0, 9.0),
+        (6.0, 9.0),
+        (5.0, 7.0),
+    ]
+    assert _lower_hull(points) == [(0.0, 2.0), (2.0, 0.0), (3.0, 1.0), (6.0, 9.0)]
+    assert _lower_hull([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)]) == [(0.0, 0.0), (2.0, 2.0)], (
+        "a point on a line is left out"
+    )

@@ -104,7 +104,7 @@ def test_order_within_a_transfer_does_not_matter(chunk: bytes, fd: bool, rng: ra
 
 @pytest.mark.parametrize("fd", [False, True])
 @pytest.mark.parametrize("loss", [0.0, 0.02, 0.3])
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_bad_bus_gives_chunks_that_were_sent_and_each_once(fd: bool, loss: float) -> None:
     """Every frame is lost, repeated, or late by up to as many frames as eight transfers have.
 

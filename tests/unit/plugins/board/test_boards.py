@@ -209,7 +209,7 @@ def test_a_board_that_does_not_come_up_is_told_with_the_end_of_its_console(
     monkeypatch.setattr(emulator, "running", lambda board: pid)
     monkeypatch.setattr(emulator, "cut_power", lambda board: None)
     with pytest.raises(UserError, match=told):
-        emulator.wait_until_up(bootable, 0.0 if "within 0" in told or "longer" in told else 9.0, lambda doing: None)
+        emulator.wait_until_up(bootable, 0.0 if "raise" in told else 9.0, lambda doing: None)
 
 
 def test_the_emulator_listens_on_this_machine_alone(bootable: EmulatedBoard) -> None:

@@ -136,6 +136,25 @@ def test_counts_without_making_the_points() -> None:
         ("{integers: [1.5, 3]}", "correct it"),
         ("{choice: [a, b], weights: [1]}", "give one per value"),
         ("{uniform: [0, 1], normal: [0, 1]}", "is both"),
+        ("{from: 0, to: 1, scale: loud}", "is not a scale; write linear or log"),
+        ("{from: 1, to: 8, step: 1, scale: log}", "= 1 is a factor here; use more than 1"),
+        ("{from: 0, to: 1, step: 0}", "use a value above 0"),
+        ("{from: 1, to: 1, count: 2}", "`to` must be the larger"),
+        ("{from: 0, to: 1, count: 1}", "does not make a range; use at least 2"),
+        ("{from: 0, to: 1, count: true}", "is not a count"),
+        ("{uniform: [0, 1], count: 0}", "= 0 is not a count"),
+        ("{uniform: [0, 1], count: 1.5}", "= 1.5 is not a count"),
+        ("{choice: a}", "is not a list of values"),
+        ("{choice: []}", "is not a list of values"),
+        ("{choice: [a, b], weights: [0, 0]}", "are not 2 shares"),
+        ("{choice: [a, b], weights: [-1, 2]}", "are not 2 shares"),
+        ("{loguniform: [0, 1]}", "correct it"),
+        ("{lognormal: [0, 1]}", "correct it"),
+        ("{normal: [0, 0]}", "correct it"),
+        ("{triangular: [1, 5, 2]}", "correct it"),
+        ("{triangular: [1, 1, 1]}", "correct it"),
+        ("{normal: [0, 1], within: [1]}", "give two increasing numbers"),
+        ("{normal: [0, 1], within: [1, 1]}", "give two increasing numbers"),
     ],
 )
 def test_an_axis_that_is_wrong_says_where_and_how(text: str, said: str) -> None:
@@ -150,3 +169,54 @@ def test_a_grid_needs_values(text: str) -> None:
     with pytest.raises(ProfileError, match="add count"):
         axis(text).grid_values(1)
     assert Axis("a", Origin("x"), (1,)).example() == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "numeric"),
+    [
+        ("[1, 2.5]", True),
+        ("[1, true]", False),
+        ("[a, 1]", False),
+        ("{from: 0, to: 1}", True),
+        ("{normal: [0, 1]}", True),
+    ],
+)
+def test_axes_of_numbers(text: str, numeric: bool) -> None:
+    assert axis(text).numeric is numeric
+
+
+@pytest.mark.parametrize(
+    ("within", "low", "high"), [("[-1, 11]", 0.0, 10.0), ("[2, 4]", 2.0, 4.0), ("[0, 10]", 0.0, 10.0)]
+)
+def test_limits_of_a_distribution_that_has_ends(within: str, low: float, high: float) -> None:
+    limited = axis(f"{{uniform: [0, 10], within: {within}}}")
+    for share in (0.0, 0.25, 0.999):
+        assert limited.quantile(share) == pytest.approx(low + share * (high - low), abs=1e-9)
+
+
+def test_a_choice_without_a_weight_is_never_made() -> None:
+    chosen = axis("{choice: [a, b, c], weights: [0, 1, 0]}")
+    assert {chosen.quantile(share) for share in (0.0, 0.5, 0.999999)} == {"b"}
+    thirds = axis("{choice: [a, b, c]}")
+    assert [thirds.quantile(share) for share in (0.0, 0.333, 0.334, 0.666, 0.667, 0.9999999999999999)] == [*"aabbcc"]
+
+
+def test_a_distribution_with_a_count_is_drawn_for_a_grid() -> None:
+    drawn = axis("{uniform: [2, 3], count: 50}").grid_values(7)
+    assert len(drawn) == 50
+    assert all(isinstance(value, float) and 2.0 <= value < 3.0 for value in drawn)
+    assert (
+        drawn
+        == axis("{uniform: [2, 3], count: 50}").grid_values(7)
+        != axis("{uniform: [2, 3], count: 50}").grid_values(8)
+    )
+    assert axis("{uniform: [2, 3], count: 1}").grid_values(7) == drawn[:1]
+
+
+def test_a_whole_fault_is_on_or_off() -> None:
+    with pytest.raises(ProfileError, match=r"is a whole fault, on or off; write \[off, on\]"):
+        axis("5", "faults.gnss-dropout")
+
+
+def test_two_ends_are_a_range() -> None:
+    assert axis("{from: 0, to: 1, count: 2}").grid_values(1) == (0.0, 1.0)

@@ -132,7 +132,7 @@ def dry_run(plan: Path, *options: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=plan.parent, capture_output=True, text=True, timeout=ENOUGH_S, check=False)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_dry_run_refuses_a_figure_that_no_summary_has(tmp_path: Path, golden: Golden) -> None:
     told = dry_run(planned(tmp_path, PLAN.replace("cross_track_rms_m", "cross_trak_rms_m")))
     assert told.returncode == 2

@@ -132,7 +132,7 @@ sensitivity: {{method: morris, samples: 8}}
 """
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_sensitivity_plan_ranks_its_axes(tmp_path: Path) -> None:
     """2 m over the whole range of the wind, 0.5 m over that of the current; a figure that never varies says nothing."""
     table, _ = imagined(
@@ -151,7 +151,7 @@ def test_a_sensitivity_plan_ranks_its_axes(tmp_path: Path) -> None:
     assert told.findings[0].sentence.startswith(f"{TRACK}: {WIND} has the largest effect (mu* = 2")
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(("current_m", "alike"), [(2.0, True), (0.2, False)])
 def test_axes_whose_intervals_overlap_are_not_told_apart(tmp_path: Path, current_m: float, alike: bool) -> None:
     """Of 2 m + 0.3 m by the wind and `current_m` + 0.3 m by the current, where the other axis scales the 0.3 m."""

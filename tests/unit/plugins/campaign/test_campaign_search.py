@@ -101,7 +101,7 @@ search: {{points: 40, runs_per_point: 2, nominal: {{{WIND}: 0, {CURRENT}: 0}}}}
 """
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_several_axes_are_explored(tmp_path: Path) -> None:
     """Fails beyond wind / 20 + current = 0.9: 0.636 of the ranges away, at 9 m/s and 0.45 m/s."""
 

@@ -29,7 +29,7 @@ def g_indices() -> list[tuple[float, float]]:
     return [(v / whole, v * np.prod(1 + parts) / (1 + v) / whole) for v in parts]
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_ishigami() -> None:
     sample = unit_sample("sobol", 3, 1024, seed=3)
     assert sample.shape == (1024 * 5, 3)
@@ -44,7 +44,7 @@ def test_ishigami() -> None:
     assert (told.used, told.dropped) == (1024, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_sobols_g_function() -> None:
     names = [f"x{number}" for number in range(5)]
     sample = unit_sample("sobol", 5, 1024, seed=1)
@@ -55,7 +55,7 @@ def test_sobols_g_function() -> None:
         assert effect.main == pytest.approx(main, abs=0.06)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_morris_of_a_plane_is_its_coefficients() -> None:
     sample = unit_sample("morris", 3, 8, seed=5)
     told = axis_effects("y", "morris", ["a", "b", "c"], sample, sample @ np.array([1.0, -5.0, 0.0]), 0.95, seed=5)
@@ -65,7 +65,7 @@ def test_morris_of_a_plane_is_its_coefficients() -> None:
     assert [effect.interaction for effect in told.effects] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_group_with_a_run_that_told_nothing_is_left_out_and_counted() -> None:
     sample = unit_sample("morris", 2, 8, seed=5)
     values = sample @ np.array([1.0, 2.0])

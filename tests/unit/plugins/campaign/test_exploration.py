@@ -13,7 +13,7 @@ pytest.importorskip("optuna")
 from xitl_cli.plugins.campaign.bisection import Outcome
 from xitl_cli.plugins.campaign.exploration import Exploration, ExplorationFinding, Place, explore
 
-pytestmark = pytest.mark.slow  # Optuna takes its time to load
+pytestmark = pytest.mark.medium  # Optuna takes its time to load
 SEARCH = Exploration(
     nominal=(0.0, 0.0),
     rate=0.5,

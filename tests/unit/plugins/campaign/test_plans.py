@@ -147,6 +147,19 @@ def test_an_edited_base_or_axis_is_another_plan_and_a_description_is_not(tmp_pat
         ("recordings: some", 2, "use none, failures or all"),
         ("limits: {time_s: 0}", 2, "use a value above 0"),
         ("limits: {memory_gb: 1}", 2, "did you mean 'memory_mb'"),
+        ("seeds: [1.5]", 2, "write 1-20"),
+        ("seeds: [-1]", 2, "write 1-20"),
+        ("seeds: 0-100000000", 2, "write 1-20"),
+        ("samples: 3\ncombine: latin_hypercube", 3, "latin_hypercube needs axes"),
+        ("keep: ['a b']", 2, "is not a figure; write for example"),
+        ("keep: [zzz.rms_m]", 2, "is not a figure of a summary; docs/recording.md lists them"),
+        ("axes: {extends: [[environments/calm]], extends.wind: [environments/calm]}", 2, "cannot be mixed"),
+        ("axes: {environment.wind.mean_mps: {uniform: [0, 1]}}\nsensitivity: {}", 2, "add a second one"),
+        ("sensitivity: {method: sobol, samples: 12}", 2, "= 12 is not a power of two; use 8 or 16"),
+        ("axes: {environment.wind.mean_mps: {uniform: [0, 1]}, mission.speed_mps: {uniform: [1, 2]}}\n"
+         "sensitivity: {figures: [duration_s]}\nkeep: []", 3, "duration_s is not kept; add it to `keep:`"),
+        ("constraints: [environment.wind.mean_mps < 2]\naxes: {environment.wind.mean_mps: {uniform: [0, 1]}, "
+         "mission.speed_mps: {uniform: [1, 2]}}\nsensitivity: {}", 2, "constraints do not apply to sensitivity"),
     ],
 )  # fmt: skip
 def test_a_plan_that_is_wrong_says_where_and_how(text: str, line: int, said: str, tmp_path: Path) -> None:
@@ -176,6 +189,18 @@ def test_a_base_that_does_not_run_is_refused(text: str, said: str, tmp_path: Pat
 def test_a_plan_that_is_away(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="does not exist; check the path"):
         find_plan(str(tmp_path / "gone.yaml"))
+    with pytest.raises(UserError, match=r"is a folder; check the path; shipped plans: .*environments"):
+        find_plan(str(tmp_path))
+    assert find_plan("environments").name == "environments.yaml"
+    with pytest.raises(UserError, match="does not exist"):
+        find_plan("environments.yaml")  # a path
+
+
+def test_a_sensitivity_has_a_run_for_each_place_and_seed(tmp_path: Path) -> None:
+    axes = "axes: {environment.wind.mean_mps: {uniform: [0, 1]}, mission.speed_mps: {uniform: [1, 2]}}\nseeds: 3\n"
+    assert plan(tmp_path, BASE + axes + "sensitivity: {samples: 8}\n").most_runs() == 8 * (2 + 1) * 3
+    assert plan(tmp_path, BASE + axes + "sensitivity: {samples: 8, method: sobol}\n").most_runs() == 8 * (2 + 2) * 3
+    assert plan(tmp_path, BASE + axes + "combine: latin_hypercube\nsamples: 5\n").most_runs() == 15
 
 
 SUMMARY = {
@@ -214,7 +239,7 @@ def summary_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict
     return ran
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize("name", sorted(path.stem for path in CAMPAIGNS.glob("*.yaml")))
 def test_a_shipped_plan_asks_for_figures_that_there_are(name: str, summary_of: Callable[[str], dict[str, Any]]) -> None:
     shipped = read_plan(find_plan(name))

@@ -46,7 +46,7 @@ def estimates(manoeuvres: bool, correlation: float) -> tuple[Floats, Floats]:
     return np.array(found), np.array(errors)
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 @pytest.mark.parametrize(("manoeuvres", "correlation"), [(False, 0.9), (True, 0.9), (True, 0.95)])
 def test_two_standard_errors_contain_the_truth_in_95_of_100_cases(manoeuvres: bool, correlation: float) -> None:
     """The estimates of one trial are almost independent: the share of 1200 has a standard deviation of 0.6 %."""

@@ -374,7 +374,7 @@ def test_definitions_and_messages_that_are_broken_are_left_out(
         assert "1 of /t4" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_bags_go_over_into_each_other(recording: Path, tmp_path: Path) -> None:
     """From ROS 2 to ROS 1 and back: the same messages of every topic."""
     first = written(recording, tmp_path / "first", "rosbag2-sqlite3")
@@ -386,7 +386,7 @@ def test_bags_go_over_into_each_other(recording: Path, tmp_path: Path) -> None:
         )
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_a_log_of_ardupilot_is_motion_and_sensors_and_rows(tmp_path: Path) -> None:
     """Against the log's own columns: ATT in degrees from north, POS in degrees, IMU in FRD."""
     log_path = tmp_path / "boat.bin"

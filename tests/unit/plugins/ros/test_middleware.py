@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
+from typing import Any
+
 import pytest
 
 from agent.board.doctor import WARNING
@@ -16,7 +20,7 @@ from xitl_cli.plugins.ros.middleware import (
     others_text,
     qos_with,
 )
-from xitl_cli.plugins.ros.middleware_choice import check_ros, ros2_way
+from xitl_cli.plugins.ros.middleware_choice import check_ros, open_middleware, rclpy_problem, ros2_way
 from xitl_cli.plugins.ros.outputs import OUTPUTS
 from xitl_cli.profile.schema.ros import RosSpec, RosTopicSpec
 
@@ -100,3 +104,52 @@ def test_the_way_into_ros_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert check_ros().advice == "pip install 'xitl[ros2]'"
     there.add("cyclonedds")
     assert check_ros().found == "cyclonedds; this Python has no rclpy"
+
+
+class Opened:
+    """A middleware that was opened."""
+
+    def __init__(self, spec: RosSpec, node_name: str) -> None:
+        assert node_name == "xitl"
+        self.spec = spec
+        self.name = "cyclonedds"
+
+
+def test_the_middleware_is_that_of_the_profile_or_the_one_that_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = {}
+    for module, name in (("tcpros", "Tcpros"), ("rclpy", "Rclpy"), ("cyclone", "Cyclone")):
+        kinds[module] = type(name, (Opened,), {})
+        made = ModuleType(module)
+        setattr(made, f"{name}Middleware", kinds[module])
+        monkeypatch.setitem(sys.modules, f"xitl_cli.plugins.ros.{module}_middleware", made)
+    there = {"rclpy", "cyclonedds"}
+    for where in ("xitl_cli.extras", "xitl_cli.plugins.ros.middleware_choice"):
+        monkeypatch.setattr(f"{where}.find_spec", lambda name: name if name in there else None)
+    rclpy: list[str | None] = [None]
+    monkeypatch.setattr(middleware_choice, "rclpy_problem", lambda: rclpy[0])
+    spec = RosSpec(master="ros1://localhost:11311")
+    opened: Any = open_middleware(spec)
+    assert (type(opened), opened.spec) == (kinds["tcpros"], spec)
+    assert isinstance(open_middleware(RosSpec()), kinds["rclpy"])
+    assert isinstance(opened := open_middleware(RosSpec(way="cyclonedds")), kinds["cyclone"])
+    assert opened.name == "cyclonedds"
+    rclpy[0] = "for Python 3.12"
+    assert isinstance(opened := open_middleware(RosSpec()), kinds["cyclone"])
+    assert opened.name == "cyclonedds, since rclpy cannot be imported (for Python 3.12)"
+    with pytest.raises(UserError, match=r"rclpy cannot be imported \(for Python 3.12\); run xitl in the Python"):
+        open_middleware(RosSpec(way="rclpy"))
+    there.remove("cyclonedds")
+    with pytest.raises(UserError, match=r"rclpy cannot be imported \(for Python 3.12\)"):
+        open_middleware(RosSpec())
+
+
+def test_an_rclpy_that_cannot_be_imported_is_named_by_its_first_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy", ModuleType("rclpy"))
+    assert rclpy_problem() is None
+
+    def fail(name: str) -> None:
+        assert name == "rclpy"
+        raise ImportError("x" * 200 + "\nsecond line")
+
+    monkeypatch.setattr(middleware_choice, "import_module", fail)
+    assert rclpy_problem() == "x" * 120

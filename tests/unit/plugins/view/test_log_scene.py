@@ -12,11 +12,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from eastward_run import SECONDS, SPEED_MPS, run_file
 from mcap.writer import Writer
 
 import xitl_cli.logs.signals as signals
-from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.kinematics import Kinematics
 from tests.golden import Golden
 from tests.recorded import CALM, LINUX, MISSION_TLOG
 from xitl_cli.errors import UserError
@@ -26,33 +25,8 @@ from xitl_cli.plugins.view.camera import FOLLOW, usual_pose
 from xitl_cli.plugins.view.recording import action_text, open_scene
 from xitl_cli.plugins.view.replay_page import checked_span
 from xitl_cli.plugins.view.tracks import ObstacleSightings, heading_deg
-from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import MotionEstimate, MotorCommand
 
-HZ, SPEED_MPS, SECONDS = 10, 2.0, 20
 Messages = Iterable[tuple[str, int, dict[str, Any]]]
-
-
-def run_file(path: Path, beside_m: float = 0.0) -> Path:
-    """A run that goes east at 2 m/s, its estimate half a metre north of it; armed after 5 s."""
-    recorder = Recorder(path, "lz4")
-    recorder.metadata("xitl", {"profile": "made"})
-    quat = euler_to_quat(np.array([[0.0, 0.0, np.pi / 2]]))
-    zero = np.zeros((1, 3))
-    for step in range(SECONDS * HZ + 1):
-        now_ns = step * 1_000_000_000 // HZ
-        place = np.array([[beside_m, SPEED_MPS * step / HZ, 0.0]])
-        velocity = np.array([[0.0, SPEED_MPS, 0.0]])
-        recorder.truth(
-            now_ns, Kinematics(place, velocity, zero, quat, quat_to_matrix(quat), zero, zero), np.zeros((1, 2))
-        )
-        off = MotionEstimate(place[0] + [0.5, 0.0, 0.0], velocity[0], quat[0], np.zeros(3))
-        recorder.estimate(now_ns, off)
-        recorder.fix(now_ns, -8.8, -63.95 + place[0, 1] / 110e3, 70.0)
-        recorder.environment(now_ns, np.array([0.25, 0.5, 0.0]), np.array([-3.0, 1.0, 0.0]), 0.0)
-        recorder.actuators(now_ns, MotorCommand((0.4, -0.2), armed=now_ns >= 5e9), "propeller 0, propeller 1")
-    recorder.close()
-    return path
 
 
 def json_file(path: Path, messages: Messages) -> Path:

@@ -60,6 +60,8 @@ _SEARCHED_GAIN = 40.0
 _SHORTEST_NS = 10_000_000_000
 _BRIEF_S, _BRIEF_GAIN = 5.0, 2.0
 """A shorter fault, of at least this length, needs this multiple of the improvement."""
+_EARLY_NS = 5_000_000_000
+"""Time from the first motion in which a fault needs the same: the start differs from all motion after it."""
 _SURE, _SURE_SHARE, _SHOWN = 12.0, 0.02, 1.0
 """Effect that excludes an onset (in units of the variance of a row, and as share of the improvement by the fault), and
 least effect of a row that counts."""
@@ -399,7 +401,8 @@ def _certain(fault: DetectedFault, motion: VesselMotion) -> bool:
     least = LEAST_STEERING_GAIN if motion.steers[fault.output] else LEAST_GAIN
     enough = fault.kind != "thrust_loss" or fault.size >= LEAST_LOSS
     length_ns = until_ns - (fault.from_ns if fault.began_ns is None else fault.began_ns[0])
-    if length_ns < _SHORTEST_NS:
+    early = fault.from_ns - int(motion.stamp_ns[0]) < _EARLY_NS
+    if length_ns < _SHORTEST_NS or early:
         return enough and fault.gain >= _BRIEF_GAIN * least and length_ns * 1e-9 >= _BRIEF_S
     return enough and fault.gain >= least
 

@@ -20,6 +20,7 @@ from xitl_cli.logs.signals.states import autopilot_messages
 _REFUSED = re.compile(r"^\s*(PreArm|Arm)\s*:\s*(.+?)\s*$", re.I)
 _PREARM_CHECK = 1 << 28  # MAV_SYS_STATUS_PREARM_CHECK
 _AGREES_NS = 1_000_000_000
+_SHUTDOWN_NS = 5_000_000_000
 _MOST_FINDINGS = 10
 
 
@@ -97,6 +98,34 @@ def arm_switches(log: Log) -> list[ArmSwitch]:
     return sorted(found, key=lambda each: each.at_ns)
 
 
+def disarming_method(log: Log, at_ns: int) -> int | None:
+    """Method by which the vehicle was disarmed within a second of `at_ns`; None if it is not logged."""
+    row = _switch_near(arm_switches(log), at_ns, armed=False)
+    return None if row is None else row.method
+
+
+def shut_down(log: Log, from_ns: int, until_ns: int) -> bool:
+    """Whether a span lasts from disarming to the end of the log, seconds later: sensors are then switched off.
+
+    This does not hold after a failsafe, which a sensor that stopped may have caused.
+    """
+    if log.span_ns is None:
+        return False
+    end_ns = log.span_ns[1]
+    if end_ns - from_ns > _SHUTDOWN_NS or end_ns - until_ns > _AGREES_NS:
+        return False
+    ends_ns = [span.until_ns for span in signals.armed(log) if span.until_ns < end_ns]
+    return any(
+        abs(at_ns - from_ns) <= _AGREES_NS and disarming_method(log, at_ns) not in FAILSAFE_ARMING_METHODS
+        for at_ns in ends_ns
+    )
+
+
+def _switch_near(rows: list[ArmSwitch], at_ns: int, armed: bool) -> ArmSwitch | None:
+    near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
+    return min(near, key=lambda row: abs(row.at_ns - at_ns), default=None)
+
+
 def arm_refusals(log: Log) -> list[ArmRefusal]:
     """Reasons not to arm, in the order of their first occurrence."""
     found: dict[tuple[str, bool], ArmRefusal] = {}
@@ -149,10 +178,9 @@ def _facts(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
 
 def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: LogClock) -> Grid:
     def by(at_ns: int, armed: bool) -> str:
-        near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
-        if not near:
+        row = _switch_near(rows, at_ns, armed)
+        if row is None:
             return "armed when the log ends" if not armed and at_ns >= clock.end_ns else ""
-        row = min(near, key=lambda row: abs(row.at_ns - at_ns))
         if row.method is None:
             return ""
         return arming_method_name(row.method) + (", forced" if row.forced else "")

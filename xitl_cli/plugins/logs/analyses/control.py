@@ -183,6 +183,7 @@ _TITLE = "Control"
 _MOST_EVIDENCE = 8
 _JOIN_S = 0.5
 _FEWEST_ROWS = 10
+_LATE_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,8 +301,7 @@ def analyse(log: Log) -> Section | None:
                 by_key[finding.key] = replace(first or finding, evidence=(*evidence, *finding.evidence))
     # Many errors that are too short for a finding are no good tracking either.
     if not by_key and clock.armed and all(_within_limits(tracking) for tracking in trackings):
-        errors = [f"{tracking.label} within {_rms(tracking):.2g} {tracking.unit} RMS" for tracking in trackings]
-        followed = Finding.ok("control.followed", f"It followed its setpoints: {', '.join(errors)}")
+        followed = Finding.ok("control.followed", f"It followed its setpoints: {', '.join(map(_followed, trackings))}")
         by_key = {followed.key: followed}
     facts: list[Fact] = []
     for tracking in trackings:
@@ -316,7 +316,7 @@ def analyse(log: Log) -> Section | None:
     for tracking in trackings:
         label = tracking.label.capitalize()
         response = (tracking.stamp_ns, *_unturned(tracking))
-        delay_s = response_delay_s(*response, _VARIES[tracking.unit])
+        delay_s = _delay_s(tracking)
         if delay_s is not None:
             facts.append(Fact(f"{tracking.key}_delay_s", f"{label}, delay behind the demand", _digits(delay_s), "s"))
         steps = step_responses(*response, _STEPS[tracking.unit])
@@ -502,6 +502,23 @@ def _off(tracking: Tracking, limit: TrackingLimit, clock: LogClock) -> Finding |
         ),
         limit.step,
     )
+
+
+def _followed(tracking: Tracking) -> str:
+    """Error of a setpoint that was followed. If the response is late, it is the error after the delay."""
+    rms, delay_s = _rms(tracking), _delay_s(tracking)
+    late = ""
+    if delay_s is not None and delay_s >= _LATE_S:
+        demanded, achieved = _unturned(tracking)
+        seconds = (tracking.stamp_ns - tracking.stamp_ns[0]) * 1e-9
+        before = seconds >= delay_s
+        rms = float(np.sqrt(np.mean((achieved - np.interp(seconds - delay_s, seconds, demanded))[before] ** 2)))
+        late = f" after a delay of {delay_s:.1f} s"
+    return f"{tracking.label} within {rms:.2g} {tracking.unit} RMS{late}"
+
+
+def _delay_s(tracking: Tracking) -> float | None:
+    return response_delay_s(tracking.stamp_ns, *_unturned(tracking), _VARIES[tracking.unit])
 
 
 def _rms(tracking: Tracking) -> float:

@@ -20,6 +20,7 @@ from xitl_cli.logs.signals.receivers import FIX_3D, FIX_NAMES, GnssReceiver, gns
 from xitl_cli.logs.signals.series import listed, numbers, significant
 from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses, spells
 from xitl_cli.logs.signals.states import armed_rows, error_rows, rows_in_use
+from xitl_cli.plugins.logs.analyses.arming import shut_down
 from xitl_cli.plugins.logs.analyses.gnss_drift import GnssDrift, gnss_drifts, velocity_jumped, wrong_velocity
 from xitl_cli.plugins.logs.analyses.sensor_faults import switched_off
 
@@ -61,6 +62,7 @@ def _outages(log: Log, receiver: GnssReceiver, fixed: Flags, pause: Stamps, cloc
     """Times between two fixes in which messages report no fix, or in which no message arrived.
 
     Without messages, a time counts from over a second and five periods. At the end of the log, it lasts to its end.
+    Silence from disarming to the end of the log is a receiver that is switched off.
     """
     good = np.flatnonzero(fixed)
     regular = regularity(receiver.sample_ns[good])
@@ -81,7 +83,10 @@ def _outages(log: Log, receiver: GnssReceiver, fixed: Flags, pause: Stamps, cloc
     last = int(receiver.stamp_ns[good[-1]])
     end = max(last, dense_end_ns(log) or last)
     if end - last > max(_SILENT_S, 5.0 * regular.period_s) * 1e9:
-        spans["gnss.fix_lost" if good[-1] < len(fixed) - 1 else "gnss.silent"].append((last, end))
+        if good[-1] < len(fixed) - 1:
+            spans["gnss.fix_lost"].append((last, end))
+        elif not shut_down(log, last, end):
+            spans["gnss.silent"].append((last, end))
     for key, found in spans.items():
         if not found:
             continue

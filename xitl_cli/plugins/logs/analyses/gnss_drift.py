@@ -28,7 +28,7 @@ JUMP_M = 3.0
 _STEADY = 10.0
 """Least ratio of a drift's way to the residuals about its straight line. The random error of a receiver with reflected
 signals has ratios up to 8.3 (150 errors of 5 m that change over 8 s)."""
-_LEAST_JUMP_MPS, _JUMP_SHARE, _JUMP_REACH_NS = 0.5, 0.6, 1_500_000_000
+_LEAST_JUMP_MPS, _JUMP_SHARE, _JUMP_SIGMAS, _JUMP_REACH_NS = 0.5, 0.6, 6.0, 1_500_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,13 +173,16 @@ def _fitted_drift(stamp_ns: Stamps, time_s: Floats, apart_m: Floats, first: int,
 def velocity_jumped(receiver: GnssReceiver, drift: GnssDrift) -> bool:
     """Whether the velocity changed at once by the opposite of the drift, which no vessel does: the velocity is wrong.
 
-    A turn changes the velocity from fix to fix about evenly, so each change is compared with those next to it.
+    A turn changes the velocity from fix to fix about evenly, so each change is compared with those next to it. Waves
+    change it suddenly too, so the change must exceed the usual ones.
     """
     if drift.speed_mps < _LEAST_JUMP_MPS:
         return False
-    near = np.abs(receiver.stamp_ns - drift.from_ns) < _JUMP_REACH_NS
-    changes = np.diff(receiver.vel_ned_mps[near, :2], axis=0)
     bearing = np.radians(drift.bearing_deg)
-    against = -changes @ np.array([np.cos(bearing), np.sin(bearing)])
+    against = -np.diff(receiver.vel_ned_mps[:, :2], axis=0) @ np.array([np.cos(bearing), np.sin(bearing)])
     sudden = against[1:-1] - 0.5 * (against[:-2] + against[2:])
-    return bool(len(sudden) and np.nanmax(sudden) > _JUMP_SHARE * drift.speed_mps)
+    near = np.abs(receiver.stamp_ns[1:-2] - drift.from_ns) < _JUMP_REACH_NS
+    if not np.isfinite(sudden[near]).any():
+        return False
+    usual_mps = 1.4826 * float(np.nanmedian(np.abs(sudden)))
+    return bool(np.nanmax(sudden[near]) > max(_JUMP_SHARE * drift.speed_mps, _JUMP_SIGMAS * usual_mps))

@@ -14,7 +14,13 @@ import xitl_cli.logs.signals as signals
 from sim_core.dataclass import dataclass
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.model.codes import ALTITUDE_FRAMES, command_name
+from xitl_cli.logs.model.codes import (
+    ALTITUDE_FRAMES,
+    OPERATOR_ARMING_METHODS,
+    OPERATOR_REASONS,
+    arming_method_name,
+    command_name,
+)
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.model.table import Table
@@ -22,6 +28,7 @@ from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.missions import LoggedMissionItem, MissionVersion, mission_versions
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
+from xitl_cli.plugins.logs.analyses.arming import disarming_method
 from xitl_cli.plugins.logs.analyses.modes import ModeSpan, mode_spans
 
 
@@ -322,10 +329,14 @@ def _unfinished(
     key, severity, at_ns = "missions.unfinished", Severity.WARNING, last.until_ns
     if disarmed is not None and (left is None or disarmed.until_ns <= left.from_ns):
         at_ns = disarmed.until_ns
-        why = f"it was disarmed at {clock.text(disarmed.until_ns)}"
+        method = disarming_method(log, at_ns)
+        by = "" if method is None else f" ({arming_method_name(method)})"
+        why = f"it was disarmed at {clock.text(at_ns)}{by}"
+        severity = Severity.NOTICE if method in OPERATOR_ARMING_METHODS else severity
     elif left is not None:
         at_ns = left.from_ns
         why = f"the mode became {left.name} at {clock.text(left.from_ns)}" + (f" ({left.cause})" if left.cause else "")
+        severity = Severity.NOTICE if left.reason in OPERATOR_REASONS else severity
     else:
         key, severity, at_ns = "missions.log_ended", Severity.NOTICE, clock.end_ns
         why = f"the log ends at {clock.text(clock.end_ns)}, under way to item {last.seq}"

@@ -21,6 +21,7 @@ from xitl_cli.logs.signals.sensors import InertialUnit, SensorSeries
 from xitl_cli.logs.signals.series import listed, numbers
 from xitl_cli.logs.signals.spans import HeldRows, HoldStatistics, covered_share, find_holds, inside, runs, spells
 from xitl_cli.logs.signals.states import armed_rows
+from xitl_cli.plugins.logs.analyses.arming import shut_down
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,7 +339,7 @@ def trouble_section(
     turning, speed = yaw_rate(log), ground_speed(log)
     by_sensor: dict[str, list[Finding]] = {}
     for sensor in found:
-        stuck = _stuck(sensor, [each for each in found if each is not sensor], turning, speed, clock)
+        stuck = _stuck(log, sensor, [each for each in found if each is not sensor], turning, speed, clock)
         by_sensor[sensor.name] = _with_health(stuck, sensor, armed.get(sensor.name), clock)
     units = [finding for unit in inertial for finding in (*_saturated(unit, clock), *_unit_errors(unit, clock))]
     # All findings. Sensors that stopped within a second share one finding, because none of them is the cause.
@@ -390,7 +391,12 @@ def _with_health(stuck: list[Finding], sensor: JudgedSensor, armed: Flags | None
 
 
 def _stuck(
-    sensor: JudgedSensor, others: Sequence[JudgedSensor], turning: Series | None, speed: Series | None, clock: LogClock
+    log: Log,
+    sensor: JudgedSensor,
+    others: Sequence[JudgedSensor],
+    turning: Series | None,
+    speed: Series | None,
+    clock: LogClock,
 ) -> list[Finding]:
     """Constant values for long are a fault if the vehicle moved in that time, or if the sensor usually shows noise."""
     if sensor.sort not in _STICKS or not sensor.holding.holds:
@@ -399,7 +405,7 @@ def _stuck(
     doubtful: list[HeldRows] = []
     for hold in sensor.holding.holds:
         from_ns, until_ns = (int(sensor.stamp_ns[row]) for row in (hold.first, hold.last))
-        if _shared(sensor, from_ns, until_ns, others):
+        if _shared(sensor, from_ns, until_ns, others) or shut_down(log, from_ns, until_ns):
             continue
         why = _moved(sensor, from_ns, until_ns, turning, speed)
         if why:

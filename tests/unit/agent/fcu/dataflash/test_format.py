@@ -76,7 +76,7 @@ def test_every_message_round_trips_with_units_and_multipliers(tmp_path: Path) ->
                for name, described_columns in columns.items() if name != "FMT")  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.medium
 def test_columns_are_those_of_ardurover(tmp_path: Path) -> None:
     ours, theirs = described(rows_of(written(tmp_path))), described(rows_of(CALM))
     assert {name for name in ours if name not in theirs} == OURS

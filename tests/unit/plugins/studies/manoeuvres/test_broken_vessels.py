@@ -158,6 +158,10 @@ BROKEN: list[tuple[str, str, Change, str]] = [
 ]
 
 
+SHIPS = ("kvlcc2-l7", "mariner")
+"""Their checks take seconds."""
+
+
 def named(model: VesselSpec) -> tuple[set[tuple[str, str]], str]:
     """Return rules and keys of the findings, or the error of a vessel that is refused."""
     try:
@@ -166,11 +170,18 @@ def named(model: VesselSpec) -> tuple[set[tuple[str, str]], str]:
         return set(), str(error)
 
 
-@pytest.mark.nightly
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "change", "key"),
-    [pytest.param(name, change, key, id=f"{name}: {what}") for name, what, change, key in BROKEN],
+    [
+        pytest.param(
+            name,
+            change,
+            key,
+            id=f"{name}: {what}",
+            marks=(pytest.mark.slow, pytest.mark.nightly) if name in SHIPS else pytest.mark.medium,
+        )
+        for name, what, change, key in BROKEN
+    ],
 )
 def test_a_wrong_value_is_named_with_its_key(name: str, change: Change, key: str) -> None:
     """By a finding that the sound vessel does not have, or by the error of a vessel that does not float."""

@@ -21,6 +21,8 @@ from xitl_cli.profile import load_profile
 from xitl_cli.profile.files.catalogue import shipped_profiles
 
 WATER = Water()
+SHIPS = ("/kvlcc2", "/kvlcc2-l7", "/mariner")
+"""Their checks take seconds."""
 
 
 @pytest.fixture(scope="module")
@@ -227,8 +229,14 @@ def test_yaw_damping_off_by_a_power_of_ten(model: VesselSpec, factor: float, rul
         assert "are plausible" in finding.sentence
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in shipped_profiles() if name.startswith("vehicles/")])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name.endswith(SHIPS) else pytest.mark.medium)
+        for name in shipped_profiles()
+        if name.startswith("vehicles/")
+    ],
+)
 def test_shipped_vessels_have_their_propellers_and_yaw_damping_in_range(name: str) -> None:
     vehicle = load_profile(name).vehicle
     assert vehicle is not None
