@@ -11,7 +11,14 @@ from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.log import LogHealth
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
 from xitl_cli.logs.report import terminal
-from xitl_cli.logs.report.causes import CAUSES, FindingGroup, group_findings
+from xitl_cli.logs.report.causes import (
+    CAUSES,
+    FindingGroup,
+    group_findings,
+    is_contradicted,
+    is_kind,
+    without_contradictions,
+)
 from xitl_cli.logs.report.file_report import FileReport
 from xitl_cli.logs.report.html import html
 from xitl_cli.logs.report.json import document
@@ -219,3 +226,84 @@ def test_all_sensors_that_fall_silent_at_once_are_one_outage() -> None:
     ((cause, follow),) = shape(group_findings(Report((log(*CUT[2:7]),))))
     assert cause == "sensors.gap"
     assert len(follow) == 4
+
+
+@pytest.mark.parametrize(
+    ("cause", "effect", "follows"),
+    [
+        # Reach: five seconds after the end of the fault.
+        (finding("faults.injected", (40.0, 45.0)), finding("power.low", 50.0), True),
+        (finding("faults.injected", (40.0, 45.0)), finding("power.low", 50.01), False),
+        # Both began together: up to a second, or three for what must last.
+        (finding("faults.injected", (40.0, 45.0)), finding("power.low", 39.0), True),
+        (finding("faults.injected", (40.0, 45.0)), finding("power.low", 38.99), False),
+        (finding("faults.injected", (40.0, 45.0)), finding("control.off", (37.0, 60.0)), True),
+        (finding("faults.injected", (40.0, 45.0)), finding("control.off", (36.99, 60.0)), False),
+        # The order of kinds decides within a second, the time does beyond.
+        (finding("gnss.silent", (40.0, 41.0)), finding("sensors.gap", (39.5, 41.0)), False),
+        (finding("sensors.gap", (40.0, 41.0)), finding("gnss.silent", (39.5, 41.0)), True),
+        # Half of the effect's spans.
+        (finding("faults.injected", (40.0, 45.0)), finding("power.low", 41.0, 90.0), True),
+        (finding("faults.injected", (40.0, 45.0)), finding("power.low", 41.0, 80.0, 90.0), False),
+        (finding("faults.injected", (10.0, 11.0), (80.0, 81.0)), finding("power.low", 12.0, 82.0, 60.0), True),
+        # A finding without an instant has no cause, but for those of the whole log.
+        (finding("faults.injected", (40.0, 45.0)), finding("power.low"), False),
+        (finding("gnss.no_fix"), finding("arming.refused"), True),
+        # A state explains what begins soon after it: a minute, if its own beginning was seen.
+        (finding("gnss.drift", (11.0, 90.0)), finding("control.off", (71.0, 80.0)), True),
+        (finding("gnss.drift", (11.0, 90.0)), finding("control.off", (71.1, 80.0)), False),
+        (finding("gnss.drift", (10.0, 90.0)), finding("control.off", (40.0, 80.0)), True),
+        (finding("gnss.drift", (10.0, 90.0)), finding("control.off", (40.1, 80.0)), False),
+        (finding("gnss.drift", (11.0, 71.0)), finding("control.off", (90.0, 95.0)), True),  # a minute is an event
+    ],
+)
+def test_how_far_a_cause_reaches(cause: Finding, effect: Finding, follows: bool) -> None:
+    groups = {each.cause.finding.key: each for each in group_findings(Report((log(effect, cause),)))}
+    assert (effect.key not in groups) is follows
+    told = [each.finding.key for group in groups.values() for each in group.consequences]
+    assert (effect.key in told) is follows
+
+
+@pytest.mark.parametrize(
+    ("first", "again", "once"),
+    [
+        ((40.0, 45.0), (47.0, 50.0), True),
+        ((40.0, 45.0), (47.1, 50.0), False),
+        ((40.0, 45.0), (39.0, 39.5), True),
+        ((40.0, 45.0), (38.9, 50.0), False),  # a finding is not under a later one
+    ],
+)
+def test_two_files_of_one_run_tell_of_a_finding_once(first, again, once: bool) -> None:
+    files = (log(finding("missions.unfinished", first)), log(finding("missions.unfinished", again), name="two.bin"))
+    groups = group_findings(Report(files))
+    assert len(groups) == (1 if once else 2)
+    if once:
+        assert groups[0].cause.file.name == "one.bin"
+        assert groups[0].consequences[0].file.name == "two.bin"
+    same = group_findings(Report((log(finding("missions.unfinished", first), finding("missions.unfinished", again)),)))
+    assert len(same) == 2  # of one file they are two
+
+
+def test_good_findings_are_contradicted_by_warnings_only() -> None:
+    good = finding("control.followed", 5.0, severity=Severity.OK)
+    followed = {
+        key: [
+            each.key
+            for file in without_contradictions((log(good), log(finding(key, 50.0, severity=severity), name="two")))
+            for section in file.sections
+            for each in section.findings
+        ]
+        for key, severity in (
+            ("control.off", WARNING), ("control.late", NOTICE), ("actuation.stuck", CRITICAL), ("gnss.drift", WARNING),
+        )
+    }  # fmt: skip
+    assert followed == {
+        "control.off": ["control.off"],
+        "control.late": ["control.followed", "control.late"],
+        "actuation.stuck": ["actuation.stuck"],
+        "gnss.drift": ["control.followed", "gnss.drift"],
+    }
+    assert is_contradicted(good, ["control.off"])
+    assert not is_contradicted(finding("control.followed", 5.0, severity=NOTICE), ["control.off"])
+    assert is_kind("events.error.5", ("events.error",))
+    assert not is_kind("events.error_5", ("events.error",))

@@ -57,6 +57,52 @@ def test_the_expected_period_may_be_given():
     assert (found.gaps, found.missing) == (99, 99)
 
 
+def bursts(groups: int, lost: range = range(0)) -> np.ndarray:
+    """Four rows at once, a millisecond apart, each 80 ms."""
+    return np.array([80 * group + row for group in range(groups) if group not in lost for row in range(4)]) * MS
+
+
+def test_rows_in_bursts_have_their_mean_rate_and_no_gaps():
+    found = regularity(bursts(9))
+    assert found is not None
+    assert (found.bursts, found.gaps, found.missing) == (True, 0, 0)
+    assert found.period_s == pytest.approx(0.020)
+    few = regularity(bursts(8))  # 32 rows do not tell that they are bursts
+    assert few is not None
+    assert (few.bursts, few.period_s, few.gaps, few.missing) == (False, 0.001, 7, 7 * 76)
+
+
+def test_an_outage_among_bursts_counts_what_the_mean_rate_lacks():
+    """Forty of 101 groups are lost. Within a group, rows are up to 2.85 of 20 ms early: so much may be made up for."""
+    found = regularity(bursts(101, range(50, 90)))
+    assert found is not None
+    assert (found.bursts, found.long_gaps) == (True, 1)
+    assert found.period_s == pytest.approx(0.020)
+    assert [(gap.from_ns, gap.until_ns, gap.missing) for gap in found.longest] == [(3923 * MS, 7200 * MS, 157)]
+
+
+EVERY = np.arange(1000)
+LOST = np.random.default_rng(1).choice(900, 90, replace=False)
+
+
+@pytest.mark.parametrize(
+    ("stamps_ms", "in_bursts", "period_ms", "missing"),
+    [
+        (20 * np.delete(EVERY, LOST), False, 20.0, 90),  # a tenth is lost at random
+        (20 * EVERY[EVERY % 10 != 9], True, 200 / 9, 0),  # each tenth: its rate is lower
+        (np.cumsum(np.where(EVERY % 2, 30, 50)), True, 40.0, 0),
+        (np.cumsum(np.where(EVERY % 20, 20, 33)), True, 20.65, 0),  # what is late by half a period is not lost
+        (np.cumsum(np.where(EVERY % 4, 20, 33)), True, 23.25, 0),
+        (np.cumsum(np.where(EVERY % 40 == 39, 40, 20)), False, 20.0, 25),
+    ],
+)
+def test_even_rows_with_losses_are_told_from_uneven_rows(stamps_ms, in_bursts, period_ms, missing):
+    found = regularity(stamps_ms * MS)
+    assert found is not None
+    assert (found.bursts, found.missing) == (in_bursts, missing)
+    assert found.period_s == pytest.approx(period_ms * 1e-3, rel=1e-3)
+
+
 @pytest.mark.parametrize("stamps", [[], [1], [1, 2], [5, 5, 5, 5], [9, 8, 7]])
 def test_too_little_to_tell(stamps):
     assert regularity(np.array(stamps, dtype=np.int64)) is None
