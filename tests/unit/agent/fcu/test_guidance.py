@@ -9,8 +9,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from python39 import pairwise
 
-from agent.fcu.control.guidance import GuidanceGains, GuidanceState, carry_integral, follow_leg, make_leg
+from agent.fcu.control.guidance import (
+    BOW,
+    BOW_OR_STERN,
+    STERN,
+    CourseOverGround,
+    GuidanceGains,
+    GuidanceInput,
+    GuidanceState,
+    StationKeeping,
+    carry_integral,
+    follow_leg,
+    make_leg,
+)
 from agent.fcu.parameters import Parameters
+from agent.navigation.geodetic import LocalProjection
 
 GAINS = GuidanceGains.from_parameters(Parameters())
 LINE = make_leg((0.0, 0.0), (400.0, 300.0), None)
@@ -96,3 +109,158 @@ def test_any_geometry_gives_a_finite_course(start, end, after, position, yaw, sp
     assert -math.pi <= output.heading_rad <= math.pi
     assert 0.0 <= output.speed_mps <= desired
     assert math.isfinite(output.cross_track_m)
+
+
+MADE = GuidanceGains(
+    lookahead_m=8.0,
+    kappa_mps=0.5,
+    radius_m=2.0,
+    speed_min_mps=0.8,
+    deceleration_mps2=0.4,
+    lateral_acceleration_mps2=1.5,
+    turn_rate_radps=0.6,
+    turn_radius_m=5.0,
+    loiter_radius_m=4.0,
+    loiter_per_s=0.25,
+    loiter_type=BOW,
+)
+NORTH = make_leg((0.0, 0.0), (100.0, 0.0), None)
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "pivots", "share"),
+    [
+        (0.0, True, 3.0),
+        (20.0, True, 3.0),
+        (40.0, True, 0.8 + 2.2 * 0.5),
+        (-50.0, True, 0.8 + 2.2 * 0.25),
+        (60.0, True, 0.8),
+        (90.0, True, 0.8),
+        (105.0, True, 0.4),
+        (120.0, True, 0.0),
+        (170.0, True, 0.0),
+        (40.0, False, 1.9),
+        (105.0, False, 0.8),
+        (-170.0, False, 0.8),
+    ],
+)
+def test_the_speed_falls_with_the_error_of_the_heading(off_deg: float, pivots: bool, share: float) -> None:
+    gains, yaw_rad = MADE._replace(pivots=pivots), math.radians(off_deg)
+    _, output = follow_leg(gains, GuidanceState(), NORTH, (10.0, 0.0), yaw_rad, 1.0, 3.0, 0.02)
+    assert output.speed_mps == pytest.approx(share)
+    _, slow = follow_leg(gains, GuidanceState(), NORTH, (10.0, 0.0), yaw_rad, 1.0, 0.5, 0.02)
+    assert slow.speed_mps == pytest.approx(0.5 * min(share / 0.8, 1.0)), "at most the speed of the leg"
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "to_go_m", "speed_mps"),
+    [
+        # v² = corner² + 2 a (to go - radius - 0.6 s v), at most 3 m/s
+        (None, 10.0, math.sqrt(0.64 + 0.8 * (10.0 - 2.0 - 1.8))),
+        (None, 3.8, 0.8),
+        (None, 3.0, 0.8),
+        (None, 14.3, 3.0),
+        # an arc of 2 m / tan(45 degrees): 0.6 rad/s allow 1.2 m/s, and 1.5 m/s² allow 1.73 m/s
+        (90.0, 3.0, 1.2),
+        (-90.0, 5.0, math.sqrt(1.44 + 0.8 * 1.2)),
+        # an arc of 2 m / tan(10 degrees) = 11.34 m: 6.8 m/s and 4.1 m/s
+        (20.0, 3.0, 3.0),
+        # an arc of 2 m / tan(60 degrees): 0.69 m/s is below WP_SPEED_MIN
+        (120.0, 3.0, 0.8),
+        (180.0, 3.0, 0.8),
+        (0.0, 1.0, 3.0),
+    ],
+)
+def test_a_corner_is_approached_at_the_speed_of_its_arc(
+    turn_deg: float | None, to_go_m: float, speed_mps: float
+) -> None:
+    turn_rad = None if turn_deg is None else math.radians(turn_deg)
+    leg = NORTH._replace(turn_rad=turn_rad)
+    _, output = follow_leg(MADE, GuidanceState(), leg, (100.0 - to_go_m, 0.0), 0.0, 1.0, 3.0, 0.02)
+    assert output.speed_mps == pytest.approx(speed_mps)
+
+
+def test_lateral_acceleration_limits_a_wide_corner() -> None:
+    """An arc of 2 m / tan(15 degrees) = 7.46 m: 0.2 m/s² allow 1.22 m/s, 0.6 rad/s allow 4.5 m/s."""
+    gains = MADE._replace(lateral_acceleration_mps2=0.2)
+    leg = NORTH._replace(turn_rad=math.radians(30.0))
+    _, output = follow_leg(gains, GuidanceState(), leg, (97.0, 0.0), 0.0, 1.0, 3.0, 0.02)
+    assert output.speed_mps == pytest.approx(math.sqrt(0.2 * 2.0 / math.tan(math.radians(15.0))))
+
+
+@pytest.mark.parametrize(
+    ("kappa_mps", "speed_mps", "before_s", "after_s"),
+    [
+        (0.5, 1.0, 2.0, 2.0 + 0.1 * 8.0 * 3.0 / (64.0 + 16.0)),  # aim 3 m + 0.5 m/s * 2 s
+        (0.5, 0.3, 2.0, 2.0),
+        (0.0, 1.0, 2.0, 2.0),
+        (0.5, 1.0, 1e3, math.tan(math.radians(50.0)) * 8.0 / 0.5),
+        (0.5, 1.0, -1e3, -math.tan(math.radians(50.0)) * 8.0 / 0.5),
+    ],
+)
+def test_the_integral_grows_by_fossens_law_within_its_limit(
+    kappa_mps: float, speed_mps: float, before_s: float, after_s: float
+) -> None:
+    """Fossen 2021, eq 12.108, 3 m to the right of the leg for 0.1 s."""
+    state, output = follow_leg(
+        MADE._replace(kappa_mps=kappa_mps), GuidanceState(before_s), NORTH, (10.0, 3.0), 0.0, speed_mps, 3.0, 0.1
+    )
+    assert state.integral_s == pytest.approx(after_s)
+    assert output.heading_rad == pytest.approx(-math.atan((3.0 + kappa_mps * before_s) / 8.0))
+
+
+@pytest.mark.parametrize(
+    ("place", "yaw_deg", "kind", "pivots", "heading_deg", "speed_mps"),
+    [
+        ((0.0, 0.0), 30.0, BOW, True, 30.0, 0.0),
+        ((-2.0, 0.0), 30.0, BOW, True, 30.0, 0.0),  # half of the radius
+        ((-10.0, 0.0), 0.0, BOW, True, 0.0, 2.0),
+        ((-10.0, 0.0), 45.0, BOW, True, 0.0, 1.5),
+        ((-10.0, 0.0), 90.0, BOW, True, 0.0, 1.0),
+        ((-10.0, 0.0), 170.0, BOW, True, 0.0, 1.0),
+        ((-10.0, 0.0), 180.0, BOW_OR_STERN, True, 180.0, -2.0),
+        ((-10.0, 0.0), 90.1, BOW_OR_STERN, True, 180.0, -1.00111),
+        ((-10.0, 0.0), 89.9, BOW_OR_STERN, True, 0.0, 1.00111),
+        ((-10.0, 0.0), 0.0, STERN, True, 180.0, -1.0),
+        ((0.0, -10.0), 90.0, BOW, True, 90.0, 2.0),
+        ((30.0, 0.0), 180.0, BOW, True, 180.0, 3.0),  # at most the permitted speed
+        ((-3.0, 0.0), 90.0, BOW, False, 0.0, 0.8),  # way on to turn: 0.125 m/s would not do
+        ((-3.0, 0.0), 45.0, BOW, False, 0.0, 0.4),
+        ((-3.0, 0.0), 45.0, STERN, False, 180.0, -0.8),
+    ],
+)
+def test_a_station_is_returned_to_from_half_the_radius_on(
+    place: tuple[float, float], yaw_deg: float, kind: int, pivots: bool, heading_deg: float, speed_mps: float
+) -> None:
+    frame = LocalProjection(0.0, 0.0, 0.0)
+    gains = MADE._replace(loiter_type=kind, pivots=pivots)
+    output = StationKeeping(0.0, 0.0).steer(GuidanceInput(gains, frame, place, math.radians(yaw_deg), 0.0, 3.0, 0.02))
+    assert math.remainder(output.heading_rad - math.radians(heading_deg), math.tau) == pytest.approx(0.0, abs=1e-6)
+    assert output.speed_mps == pytest.approx(speed_mps, abs=1e-4)
+    assert output.distance_m == pytest.approx(math.hypot(*place), abs=1e-6)
+    assert not output.reached
+
+
+def test_a_station_keeps_its_heading_while_near_if_the_vessel_can_turn() -> None:
+    frame = LocalProjection(0.0, 0.0, 0.0)
+    for pivots, heading_rad in ((True, 0.5), (False, 0.9)):
+        station, gains = StationKeeping(0.0, 0.0), MADE._replace(pivots=pivots)
+        station.steer(GuidanceInput(gains, frame, (0.0, 0.0), 0.5, 0.0, 3.0, 0.02))
+        output = station.steer(GuidanceInput(gains, frame, (0.5, 0.0), 0.9, 0.0, 3.0, 0.02))
+        assert (output.heading_rad, output.speed_mps) == (heading_rad, 0.0)
+
+
+def test_a_course_is_made_good_by_the_distance_off_its_line() -> None:
+    """Half a second to starboard at 2 m/s is 1 m; the integral grows by 0.5 s * 8 * 1 / (64 + 1)."""
+    course = CourseOverGround()
+    assert course.heading_rad(MADE, 0.0, (3.0, 2.0), 0.5) == pytest.approx(-math.atan(1.0 / 8.0))
+    integral_s = 0.5 * 8.0 / 65.0
+    assert course.heading_rad(MADE, 0.0, (3.0, 0.0), 0.5) == pytest.approx(-math.atan((1.0 + 0.5 * integral_s) / 8.0))
+    turned = math.radians(60.0)
+    integral_s += 0.5 * 8.0 / (64.0 + (1.0 + 0.5 * integral_s) ** 2)
+    aim_m = 0.5 * (1.0 + 0.5 * integral_s)
+    assert course.heading_rad(MADE, turned, (0.0, 0.0), 0.0) == pytest.approx(turned - math.atan(aim_m / 8.0))
+    far = CourseOverGround()
+    for _ in range(2):
+        heading_rad = far.heading_rad(MADE._replace(kappa_mps=0.0), 0.0, (0.0, -30.0), 1.0)
+    assert heading_rad == pytest.approx(math.atan(1.0)), "no more than the look-ahead"
