@@ -13,9 +13,11 @@ from agent.fcu.control.guidance import (
     BOW,
     BOW_OR_STERN,
     STERN,
+    CircleTransit,
     CourseOverGround,
     GuidanceGains,
     GuidanceInput,
+    GuidanceOutput,
     GuidanceState,
     StationKeeping,
     carry_integral,
@@ -264,3 +266,77 @@ def test_a_course_is_made_good_by_the_distance_off_its_line() -> None:
     for _ in range(2):
         heading_rad = far.heading_rad(MADE._replace(kappa_mps=0.0), 0.0, (0.0, -30.0), 1.0)
     assert heading_rad == pytest.approx(math.atan(1.0)), "no more than the look-ahead"
+
+
+CENTRE_NE_M = (30.0, -20.0)
+
+
+def circling(clockwise: bool, radius_m: float = 10.0) -> tuple[CircleTransit, LocalProjection]:
+    frame = LocalProjection(0.0, 0.0, 0.0)
+    return CircleTransit(MADE, *frame.to_geodetic(*CENTRE_NE_M), radius_m, clockwise), frame
+
+
+def from_centre(angle_rad: float, distance_m: float) -> tuple[float, float]:
+    return CENTRE_NE_M[0] + distance_m * math.cos(angle_rad), CENTRE_NE_M[1] + distance_m * math.sin(angle_rad)
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "expected_m", "speed_mps"),
+    [(10.0, 10.0, math.sqrt(15.0)), (3.0, 5.0, math.sqrt(7.5)), (4.0, 5.0, math.sqrt(7.5))],
+)
+def test_a_circle_has_at_least_the_turning_radius_and_a_speed_for_its_curve(
+    radius_m: float, expected_m: float, speed_mps: float
+) -> None:
+    """1.5 m/s² and 0.6 rad/s: the turn rate limits circles below 4.2 m."""
+    circle, _ = circling(True, radius_m)
+    assert (circle.radius_m, circle.speed_mps) == pytest.approx((expected_m, min(speed_mps, 0.6 * expected_m)))
+    slow = CircleTransit(MADE._replace(turn_rate_radps=0.2), 0.0, 0.0, 10.0, True)
+    assert slow.speed_mps == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+@pytest.mark.parametrize(("angle_deg", "outside_m"), [(0.0, 0.0), (50.0, 4.0), (200.0, -6.0), (-80.0, 30.0)])
+def test_a_circle_is_approached_by_the_line_of_sight_to_its_tangent(
+    clockwise: bool, angle_deg: float, outside_m: float
+) -> None:
+    circle, frame = circling(clockwise)
+    sense, angle_rad = 1.0 if clockwise else -1.0, math.radians(angle_deg)
+    heading_rad = angle_rad + sense * (0.5 * math.pi + math.atan(outside_m / 8.0))
+    place = from_centre(angle_rad, 10.0 + outside_m)
+    output = circle.steer(GuidanceInput(MADE, frame, place, heading_rad, 1.0, 3.0, 0.1))
+    assert math.remainder(output.heading_rad - heading_rad, math.tau) == pytest.approx(0.0, abs=1e-6)
+    assert math.remainder(output.bearing_rad - angle_rad - math.pi, math.tau) == pytest.approx(0.0, abs=1e-6)
+    assert output.speed_mps == 3.0
+    assert (output.cross_track_m, output.distance_m) == pytest.approx((-sense * outside_m, abs(outside_m)), abs=1e-5)
+    assert not output.reached
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+def test_on_a_circle_the_angle_and_the_integral_grow(clockwise: bool) -> None:
+    """A step of 0.1 s, 1 m outside: the integral grows as on a line, and the angle is counted along the way."""
+    circle, frame = circling(clockwise)
+    sense, integral_s = 1.0 if clockwise else -1.0, 0.0
+
+    def steer(angle_rad: float, outside_m: float, speed_mps: float = 1.0) -> GuidanceOutput:
+        place = from_centre(angle_rad, 10.0 + outside_m)
+        return circle.steer(GuidanceInput(MADE, frame, place, 0.0, speed_mps, 3.0, 0.1))
+
+    steer(3.0, 2.1)  # not yet on it
+    steer(3.0 + sense * 0.2, 1.99)
+    assert circle.turned_rad == 0.0
+    for number in range(1, 4):
+        angle_rad = 3.0 + sense * 0.2 * (number + 1)
+        aim_m = 1.0 + 0.5 * integral_s
+        output = steer(angle_rad, 1.0)
+        assert circle.turned_rad == pytest.approx(0.2 * number, abs=1e-6)
+        expected_rad = angle_rad + sense * (0.5 * math.pi + math.atan(aim_m / 8.0))
+        assert math.remainder(output.heading_rad - expected_rad, math.tau) == pytest.approx(0.0, abs=1e-6)
+        integral_s += 0.1 * 8.0 / (64.0 + aim_m * aim_m)
+    before = steer(3.0 + sense * 0.8, 1.0, 0.3).heading_rad
+    assert steer(3.0 + sense * 0.8, 1.0, 0.3).heading_rad == before, "too slow for the integral"
+    assert circle.turned_rad == pytest.approx(0.6, abs=1e-6)
+    for _ in range(3000):
+        steer(3.0, 8.0)
+    limit_m = 0.5 * math.tan(math.radians(50.0)) * 8.0 / 0.5
+    expected_rad = 3.0 + sense * (0.5 * math.pi + math.atan((8.0 + limit_m) / 8.0))
+    assert math.remainder(steer(3.0, 8.0).heading_rad - expected_rad, math.tau) == pytest.approx(0.0, abs=1e-6)
