@@ -340,3 +340,10 @@ def test_on_a_circle_the_angle_and_the_integral_grow(clockwise: bool) -> None:
     limit_m = 0.5 * math.tan(math.radians(50.0)) * 8.0 / 0.5
     expected_rad = 3.0 + sense * (0.5 * math.pi + math.atan((8.0 + limit_m) / 8.0))
     assert math.remainder(steer(3.0, 8.0).heading_rad - expected_rad, math.tau) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_leg_lies_where_it_starts_and_ends() -> None:
+    leg = make_leg((20.0, -30.0), (120.0, -30.0), None)
+    _, output = follow_leg(MADE, GuidanceState(), leg, (30.0, -27.0), 0.0, 1.0, 3.0, 0.1)
+    assert (output.cross_track_m, output.distance_m) == pytest.approx((3.0, math.hypot(90.0, 3.0)))
+    assert output.bearing_rad == pytest.approx(math.atan2(-3.0, 90.0))
