@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from python39 import pairwise
 
+from agent.fcu.control.controller import Order
 from agent.fcu.control.heading_speed import (
+    HeadingSpeedController,
     SpeedGains,
     SpeedState,
     SteeringGains,
@@ -20,6 +22,7 @@ from agent.fcu.control.heading_speed import (
     turn_rate_control,
 )
 from agent.fcu.parameters import Parameters
+from agent.fcu.vehicle.autopilot import Autopilot
 
 STEERING = SteeringGains.from_parameters(Parameters())
 SPEED = SpeedGains.from_parameters(Parameters())
@@ -97,3 +100,145 @@ def test_demands_stay_within_full(heading: float, yaw: float, rate: float, speed
         <= 1.0
     )
     assert -1.0 <= speed_control(SPEED, SpeedState(0.0), heading, speed, False, DT)[1] <= 1.0
+
+
+TURN = SteeringGains(
+    angle_p=2.0,
+    rate_max_radps=1.0,
+    acceleration_max_radps2=2.0,
+    p=0.3,
+    i=0.5,
+    d=0.1,
+    feed_forward=0.4,
+    integral_max=0.25,
+    derivative_hz=5.0,
+)
+PACE = SpeedGains(
+    p=0.2,
+    i=0.5,
+    integral_max=0.3,
+    acceleration_max_mps2=1.0,
+    deceleration_max_mps2=2.0,
+    cruise_speed_mps=2.0,
+    cruise_thrust=0.4,
+)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "before", "desired"),
+    [
+        (0.5, 0.4, 0.5),
+        (5.0, 0.95, 1.0),
+        (-5.0, -0.95, -1.0),
+        (0.9, 0.0, 0.2),  # 2 rad/s² for 0.1 s
+        (-0.9, 0.0, -0.2),
+        (0.2, 0.0, 0.2),
+    ],
+)
+def test_a_turn_rate_is_wanted_within_its_limits(wanted: float, before: float, desired: float) -> None:
+    state, _ = turn_rate_control(TURN, SteeringState(desired_rate_radps=before), wanted, 0.0, False, 0.1)
+    assert state.desired_rate_radps == pytest.approx(desired)
+    free = TURN._replace(acceleration_max_radps2=0.0)
+    state, _ = turn_rate_control(free, SteeringState(desired_rate_radps=before), wanted, 0.0, False, 0.1)
+    assert state.desired_rate_radps == pytest.approx(min(max(wanted, -1.0), 1.0))
+
+
+def test_the_steering_demand_is_the_sum_of_its_parts() -> None:
+    """Feed-forward of the desired rate, error, integral, and the derivative of the measured rate behind a low pass."""
+    before = SteeringState(desired_rate_radps=0.4, integral=0.1, last_rate_radps=0.05, derivative_radps2=0.2)
+    state, demand = turn_rate_control(TURN, before, 0.5, 0.15, False, 0.1)
+    smoothing = 0.1 / (0.1 + 1.0 / (math.tau * 5.0))
+    derivative = 0.2 + smoothing * (1.0 - 0.2)
+    integral = 0.1 + 0.5 * 0.35 * 0.1
+    assert state == pytest.approx(SteeringState(0.5, integral, 0.15, derivative))
+    assert demand == pytest.approx(0.4 * 0.5 + 0.3 * 0.35 - 0.1 * derivative + integral)
+
+
+@pytest.mark.parametrize(
+    ("error", "before", "limited", "after"),
+    [
+        (0.4, 0.1, False, 0.12),
+        (0.4, 0.1, True, 0.1),  # it would grow
+        (-0.4, 0.1, True, 0.08),
+        (-0.4, -0.1, True, -0.1),
+        (0.4, -0.1, True, -0.08),
+        (0.4, 0.0, True, 0.0),
+        (0.4, 0.245, False, 0.25),
+        (-0.4, -0.245, False, -0.25),
+        (0.4, 0.3, True, 0.25),  # the limit was lowered
+    ],
+)
+def test_an_integral_grows_only_while_its_demand_is_met(
+    error: float, before: float, limited: bool, after: float
+) -> None:
+    """0.5 /s for 0.1 s, within 0.25."""
+    still = TURN._replace(acceleration_max_radps2=0.0)
+    state, _ = turn_rate_control(still, SteeringState(integral=before), error, 0.0, limited, 0.1)
+    assert state.integral == pytest.approx(after)
+    # A speed loop whose desired speed has arrived integrates in the same way.
+    pace = PACE._replace(integral_max=0.25)
+    speed, _ = speed_control(pace, SpeedState(1.0, before), 1.0, 1.0 - error, limited, 0.1)
+    assert speed.integral == pytest.approx(after)
+
+
+@pytest.mark.parametrize(
+    ("target", "desired", "ramps"),
+    [(1.0, 1.0, False), (1.1, 1.1, False), (1.2, 1.1, True), (0.8, 0.8, False), (0.7, 0.8, True), (-9.0, 0.8, True)],
+)
+def test_the_desired_speed_ramps_and_the_integral_waits(target: float, desired: float, ramps: bool) -> None:
+    """1 m/s² up and 2 m/s² down from 1 m/s, for 0.1 s; the drag grows with the square, 0.4 at 2 m/s."""
+    state, thrust = speed_control(PACE, SpeedState(1.0, 0.05), target, 0.5, False, 0.1)
+    assert state.desired_mps == pytest.approx(desired)
+    integral = 0.05 if ramps else 0.05 + 0.5 * (desired - 0.5) * 0.1
+    assert state.integral == pytest.approx(integral)
+    assert thrust == pytest.approx(0.4 * (desired / 2.0) ** 2 + 0.2 * (desired - 0.5) + integral)
+
+
+def test_astern_the_thrust_is_astern() -> None:
+    _, thrust = speed_control(PACE, SpeedState(-1.0), -1.0, -1.0, False, 0.1)
+    assert thrust == pytest.approx(-0.1)
+    _, most = speed_control(PACE, SpeedState(20.0), 20.0, 0.0, False, 0.1)
+    _, least = speed_control(PACE, SpeedState(-20.0), -20.0, 0.0, False, 0.1)
+    assert (most, least) == (1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("yaw_deg", "north", "east", "speed"),
+    [
+        (0.0, 3.0, 4.0, 5.0),  # with way on: the length of the velocity
+        (90.0, 4.0, 3.0, 5.0),
+        (0.0, -2.0, 0.0, -2.0),
+        (0.0, 0.0, 1.5, 1.5**2 / (1.5 + 0.5)),  # aside at rest: less than the length
+        (0.0, 0.3, 0.4, 0.3 + 0.16 / (0.5 + 0.5)),
+        (0.0, -0.3, 0.4, -0.3 + 0.16 / (0.5 + 0.5)),
+        (0.0, 0.0, 0.0, 0.0),
+    ],
+)
+def test_the_speed_over_ground_blends_into_the_speed_ahead(
+    yaw_deg: float, north: float, east: float, speed: float
+) -> None:
+    assert ground_speed_mps(math.radians(yaw_deg), north, east) == pytest.approx(speed)
+
+
+def order(**changes: float | None) -> Order:
+    made = Order(0.5, 0.0, 1.0)
+    return made._replace(**changes)  # type: ignore[arg-type]
+
+
+def test_the_controller_steers_by_heading_or_by_turn_rate_from_the_present_speed() -> None:
+    """Against the two loops, cycle by cycle."""
+    parameters = Parameters()
+    controller = HeadingSpeedController(parameters)
+    estimate = Autopilot().state.estimate._replace(yaw_rad=0.2, gyro_frd_radps=(0.0, 0.0, 0.05))
+    steering, speed = SteeringState(), SpeedState(0.4)
+    for now in (order(ground_speed_mps=0.4), order(heading_rad=None, turn_rate_radps=-0.3, ground_speed_mps=0.5)):
+        wanted = -0.3 if now.heading_rad is None else STEERING.angle_p * 0.3
+        steering, turn = turn_rate_control(STEERING, steering, wanted, 0.05, False, DT)
+        speed, thrust = speed_control(SPEED, speed, 1.0, now.ground_speed_mps, False, DT)
+        demand = controller.control(now, estimate, DT)
+        assert (demand.thrust, demand.steering) == pytest.approx((thrust, turn))
+    parameters.set("ATC_SPEED_P", 0.0)
+    controller.configure()
+    controller.restart()
+    demand = controller.control(order(ground_speed_mps=0.0, speed_mps=0.0), estimate, DT)
+    assert demand.thrust == 0.0
