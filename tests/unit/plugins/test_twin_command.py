@@ -89,7 +89,10 @@ def telemetry(path: Path, seconds: int) -> Path:
 
 
 @pytest.mark.medium
-def test_a_boat_at_rest_is_compared_and_does_not_differ(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_boat_at_rest_is_compared_and_does_not_differ(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "400")  # a longer word is broken
     boat, out = telemetry(tmp_path / "boat.tlog", 8), tmp_path / "new" / "twin.mcap"
     with pytest.raises(typer.Exit) as ended:
         twin(str(boat), "vehicles/otter", seconds=5.0, out=out, as_json=True)
