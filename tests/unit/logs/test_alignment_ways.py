@@ -59,6 +59,7 @@ def test_a_record_is_matched_with_its_copy(shift_s: float) -> None:
     assert match.rival < 0.85
 
 
+@pytest.mark.medium
 def test_a_match_is_searched_only_near_a_known_shift() -> None:
     at_s = np.arange(0.0, 180.0, 0.05)
     one, other = series(at_s, bumps(at_s)), series(at_s - 40.0, bumps(at_s))
@@ -221,6 +222,7 @@ def test_logs_are_placed_by_utc_and_checked_by_a_signal() -> None:
     assert placed.sentence == "over UTC, by PM (TimeUS, R); the turn rate of both agrees to 30 ms"
 
 
+@pytest.mark.medium
 def test_utc_that_a_signal_contradicts_gives_way_to_it() -> None:
     one, other = sailed(5.0, "a", utc(5.0, UTC_S)), sailed(900.0, "b", utc(900.0, UTC_S + 40.0))
     _, placed = align_logs([one, other])

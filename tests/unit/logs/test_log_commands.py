@@ -68,6 +68,7 @@ def run(*arguments: Any) -> tuple[int, str, str]:
 # dump
 
 
+@pytest.mark.medium
 def test_rows_of_one_message_are_a_table(tmp_path: Path) -> None:
     assert run("dump", small(tmp_path), "ATT", "--fields", "Yaw,Roll") == (
         0,
@@ -98,6 +99,7 @@ def test_rows_as_json(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.medium
 def test_a_condition_selects_rows_and_tells_what_it_does_not_have(tmp_path: Path) -> None:
     path = small(tmp_path)
     code, text, told = run("dump", path, "ATT", "MSG", "--where", "Roll > 0", "--fields", "Roll")
@@ -134,6 +136,7 @@ def test_info_of_several_files(tmp_path: Path) -> None:
 # export
 
 
+@pytest.mark.medium
 def test_messages_become_csv_files(tmp_path: Path) -> None:
     path, out = small(tmp_path), tmp_path / "out"
     code, text, _ = run("export", path, "ATT", "MSG", "--out", out, "--from", "10.2")
@@ -183,6 +186,7 @@ def test_two_logs_side_by_side(tmp_path: Path) -> None:
     assert a.read_bytes().startswith(HEAD)
 
 
+@pytest.mark.medium
 def test_limits_and_refusals_of_a_comparison(tmp_path: Path) -> None:
     a, b = small(tmp_path), small(tmp_path, "b.bin")
     assert "no trajectories to write" in run("compare", a, b, "--shift", "0", "--tum", tmp_path / "t")[2]

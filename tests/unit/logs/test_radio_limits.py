@@ -243,7 +243,8 @@ def swings(size: float, half_rows: int) -> np.ndarray:
         (swings(0.19, 5), None),
         (swings(0.21, 5), "1.0"),  # a change of direction each half second
         (swings(0.5, 6), "0.8"),
-        (swings(0.5, 7), None),  # 1.43 changes a second
+        (swings(0.5, 8), "0.6"),  # 1.25 changes a second
+        (swings(0.5, 9), None),
         (1500.0 + np.arange(ROWS) % 2 * 10.0, None),  # a tremble of 2 %
     ],
 )

@@ -265,18 +265,20 @@ def series(value: float, *parts: tuple[float, float, float]) -> Series:
 
 def test_an_inertial_unit_that_repeats_a_value_under_way() -> None:
     one = sensor(values=held(10.0, 18.0))
-    (moving,) = _stuck(one, [], None, series(0.0, (10.0, 18.0, 0.31)), CLOCK)
+    (moving,) = _stuck(QUIET, one, [], None, series(0.0, (10.0, 18.0, 0.31)), CLOCK)
     assert (moving.key, moving.severity) == ("sensors.stuck", Severity.WARNING)
     assert moving.sentence == (
         "IMU shows one and the same value from 0:10.0 for 8.0 s, while the vehicle made 0.31 m/s"
     )
     assert moving.evidence == (Evidence("IMU", "GyrX", 10 * S, 17_980 * MS),)
-    (still,) = _stuck(one, [], None, series(5.0, (10.0, 18.0, 0.3)), CLOCK)
+    (still,) = _stuck(QUIET, one, [], None, series(5.0, (10.0, 18.0, 0.3)), CLOCK)
     assert (still.key, still.severity) == ("sensors.still", Severity.NOTICE)
     assert still.evidence == moving.evidence
-    assert _stuck(sensor(values=held(10.0, 15.0)), [], None, None, CLOCK) == []  # to 14.98: shorter than 5 s
-    assert [each.key for each in _stuck(sensor(values=held(10.0, 15.02)), [], None, None, CLOCK)] == ["sensors.still"]
-    assert _stuck(replace(one, sort="rangefinder"), [], None, series(5.0), CLOCK) == []
+    assert _stuck(QUIET, sensor(values=held(10.0, 15.0)), [], None, None, CLOCK) == []  # to 14.98: shorter than 5 s
+    assert [each.key for each in _stuck(QUIET, sensor(values=held(10.0, 15.02)), [], None, None, CLOCK)] == [
+        "sensors.still"
+    ]
+    assert _stuck(QUIET, replace(one, sort="rangefinder"), [], None, series(5.0), CLOCK) == []
 
 
 def compass(begin_s: float = 10.0, end_s: float = 20.0, name: str = "MAG") -> JudgedSensor:
@@ -296,7 +298,7 @@ def compass(begin_s: float = 10.0, end_s: float = 20.0, name: str = "MAG") -> Ju
     ],
 )
 def test_a_compass_that_repeats_a_value_in_a_turn(parts: list[tuple[float, float, float]], told: str) -> None:
-    found = _stuck(compass(), [], series(0.0, *parts), series(9.0), CLOCK)
+    found = _stuck(QUIET, compass(), [], series(0.0, *parts), series(9.0), CLOCK)
     assert [each.sentence for each in found] == (
         [f"MAG shows one and the same value from 0:10.0 for 10.0 s, while the vehicle turned by {told}"] if told else []
     )
@@ -304,11 +306,11 @@ def test_a_compass_that_repeats_a_value_in_a_turn(parts: list[tuple[float, float
 
 def test_compasses_that_are_all_constant_stand_still() -> None:
     turning = series(0.0, (12.0, 14.0, 9.0))
-    assert _stuck(compass(), [compass(10.0, 18.5, "MAG[1]")], turning, None, CLOCK) == []
+    assert _stuck(QUIET, compass(), [compass(10.0, 18.5, "MAG[1]")], turning, None, CLOCK) == []
     for others in ([compass(10.0, 17.0, "MAG[1]")], [compass(name="MAG[1]"), compass(30.0, 40.0, "MAG[2]")]):
-        assert [each.key for each in _stuck(compass(), others, turning, None, CLOCK)] == ["sensors.stuck"]
+        assert [each.key for each in _stuck(QUIET, compass(), others, turning, None, CLOCK)] == ["sensors.stuck"]
     other_sort = sensor("IMU", values=held(10.0, 20.0))
-    assert [each.key for each in _stuck(compass(), [other_sort], turning, None, CLOCK)] == ["sensors.stuck"]
+    assert [each.key for each in _stuck(QUIET, compass(), [other_sort], turning, None, CLOCK)] == ["sensors.stuck"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +339,7 @@ class Health:
 def test_health_while_a_sensor_stopped_belongs_to_the_stop(case: Health) -> None:
     healthy = ~np.any([(a * S <= ALL_NS) & (b * S > ALL_NS) for a, b in case.spans] or [ALL_NS < 0], axis=0)
     one = sensor(values=held(10.0, 20.0), healthy=healthy)
-    (stuck,) = _stuck(one, [], None, series(2.0), CLOCK)
+    (stuck,) = _stuck(QUIET, one, [], None, series(2.0), CLOCK)
     first, *rest = _with_health([stuck], one, None, CLOCK)
     assert first.sentence == stuck.sentence + case.stuck
     assert len(first.evidence) == len(stuck.evidence) + bool(case.stuck)

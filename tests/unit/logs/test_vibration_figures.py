@@ -124,6 +124,7 @@ def test_a_line_stands_out_five_times() -> None:
     assert spectrum(9.0, 9.0, bins=12).peak(5.0) is None
 
 
+@pytest.mark.medium
 def test_a_spectrum_against_scipy() -> None:
     from scipy.signal import welch
 
