@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_closed_forms import LENGTH_M, WATER, barge
+from test_vessel_closed_forms import LENGTH_M, WATER, barge
 
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import (
