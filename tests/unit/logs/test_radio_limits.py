@@ -351,3 +351,13 @@ def test_how_often_the_steering_is_at_its_end() -> None:
         Fact("steering_at_limit_percent", "Steering at its end", 4.0, "%"),
         Fact("steering_integrator_held_percent", "Steering rate controller limited", 12.5, "%"),
     )
+
+
+def test_small_dips_on_the_way_up_are_no_swings() -> None:
+    """Each rise is a quarter of the range, each dip a tenth."""
+    way = np.cumsum(np.tile([0.25, -0.1], 12)) - 1.0
+    command = np.concatenate([way, np.full(ROWS - len(way), way[-1])])
+    section = report(parameters({1: 26}), rows("RCOU", C1=1500.0 + 500.0 * command))
+    assert grid_of(section, "outputs").rows[0][-1] == 0.0
+    falling = report(parameters({1: 26}), rows("RCOU", C1=1500.0 - 500.0 * command))
+    assert grid_of(falling, "outputs").rows[0][-1] == 0.0
