@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from foxglove import Channel, Context, channels, messages, open_mcap
 from google.protobuf import descriptor_pb2
+from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_truth import is_equal
 
@@ -51,6 +52,16 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_value_of_every_topic_is_the_same(recorded: Path) -> None:
     assert is_equal(recorded, extra=frozenset({"/told"})) > 1000
+
+
+def test_the_facts_of_the_file_are_those_of_its_summary(recorded: Path) -> None:
+    with recorded.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    with McapLog(recorded) as log:
+        assert log.facts["chunks"] == str(len(summary.chunk_indexes))
+        assert log.facts["compression"] == summary.chunk_indexes[0].compression
+        assert "attachments" not in log.facts
 
 
 def test_what_is_not_there_is_not_made_up(recorded: Path) -> None:

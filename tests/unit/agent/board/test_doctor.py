@@ -146,6 +146,11 @@ def test_sockets(tmp_path: Path, size: str, level: str) -> None:
     assert doctor.check_sockets(machine(tmp_path, {"proc/sys/net/core/rmem_max": size})).level == level
 
 
+def test_the_size_of_socket_buffers_is_told(tmp_path: Path) -> None:
+    found = doctor.check_sockets(machine(tmp_path, {"proc/sys/net/core/rmem_max": "212992\n"})).found
+    assert found == "receive buffers up to 208 KiB"
+
+
 @pytest.mark.parametrize(("millidegrees", "level"), [(["45000\n"], OK), (["45000\n", "91000\n"], WARNING), ([], OK)])
 def test_temperature(tmp_path: Path, millidegrees: list[str], level: str) -> None:
     place = "sys/class/thermal/thermal_zone{}/temp"

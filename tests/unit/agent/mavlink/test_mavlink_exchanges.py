@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +13,7 @@ from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.parameters import TABLE
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.mavlink import ftp
-from agent.mavlink.commands import CommandClient, CommandServer, StatusTextReceiver, StatusTextSender
+from agent.mavlink.commands import CommandClient, CommandServer, StatusTextReceiver, StatusTextSender, version_text
 from agent.mavlink.exchange import Exchange, Request, complete
 from agent.mavlink.missions import FENCE, MissionDownload, MissionUpload, PlanItem, result_name, waypoint_items
 from agent.mavlink.parameters import ParameterClient, ParameterServer, as_float32
@@ -295,3 +296,19 @@ def test_completing_waits_on_the_monotonic_clock() -> None:
     answers = iter([["no"], [], ["no", "yes", "late"]])
     complete(request, sent.append, lambda timeout_s: next(answers))
     assert (request.answer, sent) == ("yes", [0, 1, 2])
+
+
+@pytest.mark.parametrize(
+    ("number", "revision", "text"),
+    [
+        (0x04060300 | 255, b"3fc7011a", "4.6.3 (3fc7011a)"),
+        (0x04070000, b"3fc7\0garbage", "4.7.0-dev (3fc7)"),
+        (0x010F0140, b"", "1.15.1-alpha"),
+        (0x010F0180, b"  ", "1.15.1-beta"),
+        (0x010F01C0, b"\x01\x02", "1.15.1-rc"),
+        (0x010F0105, b"\0abc", "1.15.1-5"),
+    ],
+)
+def test_the_version_of_an_autopilot(number: int, revision: bytes, text: str) -> None:
+    sent = SimpleNamespace(flight_sw_version=number, flight_custom_version=list(revision.ljust(8, b"\0")))
+    assert version_text(sent) == text
