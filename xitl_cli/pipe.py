@@ -15,7 +15,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 _LENGTH = struct.Struct("<I")
@@ -102,8 +102,9 @@ class Pipe:
         """
         if timeout_s > 0.0:
             select.select([self._end], [self._end] if self._out else [], [], timeout_s)
-        self.flush()
         closed = False
+        with suppress(PipeClosedError):  # the other end may have sent something before
+            self.flush()
         while True:
             try:
                 size = self._end.recv_into(self._chunk)

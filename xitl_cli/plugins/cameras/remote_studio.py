@@ -94,7 +94,7 @@ class RemoteStudio:
         """Start the processes and wait until the first can draw. Raises UserError when this machine cannot."""
         start = StudioStart(tuple(self._cameras.values()), models, still)
         first, *others = [self._start_one(start) for _ in range(self._most)]
-        replies: list[dict[str, Any]] = []
+        replies: list[dict[str, Any]] = first.process.receive(0.0)
         while not replies and not first.process.gone:
             replies = first.process.receive(PATIENCE_S)
         if not replies or "problem" in replies[0]:
@@ -148,6 +148,7 @@ class RemoteStudio:
         decode: also the pixels of JPEG and PNG; otherwise the image has none.
         """
         commission, studio = self._submitted[ticket]
+        self._receive(studio)  # also what the process said before it ended
         while ticket not in self._taken and not self._lost:
             self._receive(studio, PATIENCE_S)
         del self._submitted[ticket]

@@ -48,7 +48,9 @@ def spawn(
 
 
 class SideProcess:
-    """A process with a pipe. Before its start and after its end, `send` discards messages and `receive` returns none.
+    """A process with a pipe. Before its start and after its end, `send` discards messages.
+
+    `receive` returns what the process sent before its end, also if `send` noticed the end first.
 
     on_loss: called once when the process ends early, with " (why)", or an empty string if the reason is unknown.
     patience_s: time that the process may take to end. environment: see `spawn`.
@@ -68,6 +70,7 @@ class SideProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Pipe | None = None
         self._words: IO[bytes] | None = None
+        self._unread: list[Any] = []
 
     def start(self, sockets: Sequence[socket.socket] = ()) -> None:
         """Start the process. Its arguments are the numbers of `sockets` and, last, of its end of the pipe."""
@@ -102,8 +105,9 @@ class SideProcess:
 
     def receive(self, timeout_s: float = 0.0) -> list[Any]:
         """Return all messages that have arrived, after at most `timeout_s`."""
-        if self._pipe is None:
-            return []
+        if self._unread or self._pipe is None:
+            unread, self._unread = self._unread, []
+            return unread
         try:
             return self._pipe.receive(timeout_s)
         except PipeClosedError:
@@ -145,6 +149,9 @@ class SideProcess:
         """Report the loss with the signal that ended the process, otherwise with its last line of output."""
         assert self._process is not None
         assert self._words is not None
+        assert self._pipe is not None
+        with suppress(PipeClosedError):
+            self._unread = self._pipe.receive()
         self._disconnect()
         try:
             code = self._process.wait(self._patience_s)

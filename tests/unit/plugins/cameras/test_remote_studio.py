@@ -10,8 +10,10 @@ from typing import Any, ClassVar
 import pytest
 
 from sim_core.sensors.camera_spec import CameraSpec, DetectorSpec
+from tests.doubles.side_process import SideProcessDouble
 from xitl_cli.plugins.cameras import remote_studio
 from xitl_cli.plugins.cameras.remote_studio import RemoteStudio
+from xitl_cli.run.core.node import PluginNodeError
 
 CAMERAS = tuple(CameraSpec(name=name) for name in ("port", "bow", "starboard"))
 SOFTWARE = "llvmpipe (LLVM 15.0.6, 256 bits)"
@@ -84,3 +86,26 @@ def test_there_are_no_more_processes_than_cameras(monkeypatch: pytest.MonkeyPatc
 
 def test_a_graphics_card_has_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(drawn_by("NVIDIA GeForce RTX 3060/PCIe/SSE2", 64, monkeypatch)) == 1
+
+
+def test_a_problem_that_a_process_told_before_its_end_is_raised_and_not_a_missing_image(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The end shows when the next image is asked for, before the problem is read."""
+
+    class Failing(SideProcessDouble):
+        def fail(self) -> None:
+            self.pipe.send({"problem": "the plug-in of faulty failed"})
+            self.pipe.close()
+
+    process = Failing(monkeypatch, lambda pipe: pipe.send({"device": SOFTWARE}))
+    lost: list[str] = []
+    studio = RemoteStudio(CAMERAS[:1], lost.append)
+    studio.start({}, ())
+    first = studio.submit(SimpleNamespace(camera="port", number=1))  # type: ignore[arg-type]
+    process.fail()
+    studio.submit(SimpleNamespace(camera="port", number=2))  # type: ignore[arg-type]
+    assert len(lost) == 1
+    with pytest.raises(PluginNodeError, match="the plug-in of faulty failed"):
+        studio.collect(first, decode=False)
+    studio.close()

@@ -74,6 +74,21 @@ def test_the_last_line_of_one_that_fails_is_why_it_is_lost(made: Callable[..., B
     assert len(beside.why) == 1
 
 
+def test_what_it_said_before_its_end_arrives_also_when_the_end_shows_at_a_message_to_it(
+    made: Callable[..., Beside],
+) -> None:
+    beside = made("pipe.send('its problem')\n")
+    beside.process.start()
+    until_s = time.monotonic() + PATIENCE_S
+    while not beside.process.gone:
+        assert time.monotonic() < until_s
+        beside.process.send("to nobody")
+        time.sleep(0.01)
+    assert beside.process.receive() == ["its problem"]
+    assert beside.process.receive() == []
+    assert len(beside.why) == 1
+
+
 def test_threads_of_libraries_do_not_have_the_last_word(made: Callable[..., Beside]) -> None:
     beside = made("""
 import atexit
