@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from agent.board.install import DeploySettings, settings_to_json
+from tests.command_line import xitl
 from xitl_cli import registry
 from xitl_cli.commands.agent import reached
 from xitl_cli.deploy import package, ssh
 from xitl_cli.deploy.package import Package
 from xitl_cli.deploy.ssh import Board
 from xitl_cli.errors import UserError
-from xitl_cli.main import main
 
 MADE = Package(b"x" * 3000, "abc123", ("xitl agent 1", "wrapt 2"), ("can:// links need Python >=3.10",))
 
@@ -44,12 +43,9 @@ def board(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def xitl_agent(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["xitl", "agent", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
+    code = xitl("agent", *arguments)
     printed = capsys.readouterr()
-    return int(ended.value.code or 0), printed.out, printed.err
+    return code, printed.out, printed.err
 
 
 def test_a_package_is_written_and_can_be_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,12 +10,12 @@ import pytest
 
 from agent.board import doctor, latency
 from agent.board.doctor import OK, PROBLEM, WARNING, DoctorFinding, findings_to_objects
+from tests.command_line import xitl
 from tests.golden import Golden
 from xitl_cli import readiness
 from xitl_cli.deploy import package, ssh
 from xitl_cli.deploy.package import Package
 from xitl_cli.deploy.ssh import Board
-from xitl_cli.main import main
 
 FINE = DoctorFinding("packages", OK, "all that a run needs")
 SLOW = DoctorFinding("kernel", WARNING, "6.1, not PREEMPT_RT", "install one")
@@ -78,12 +77,9 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def xitl_doctor(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["xitl", "doctor", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
+    code = xitl("doctor", *arguments)
     printed = capsys.readouterr()
-    return int(ended.value.code or 0), printed.out, printed.err
+    return code, printed.out, printed.err
 
 
 def test_this_machine_is_checked_for_both_purposes(

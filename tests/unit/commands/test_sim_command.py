@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.command_line import xitl
 from tests.golden import Golden
-from xitl_cli.main import main
 
 
 def sim(*arguments: str) -> int:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["xitl", "sim", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-    return int(ended.value.code or 0)
+    return xitl("sim", *arguments)
 
 
 @pytest.fixture(autouse=True)

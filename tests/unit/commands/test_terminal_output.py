@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import io
-import sys
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from tests.command_line import xitl
 from xitl_cli.commands.terminal import say, show_facts, show_rows, terminal
-from xitl_cli.main import main
 
 ROOT = Path(__file__).parents[3]
 COMMANDS = (
@@ -24,10 +23,7 @@ COMMANDS = (
 
 
 def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["xitl", *arguments])
-        with pytest.raises(SystemExit):
-            main()
+    xitl(*arguments)
     return capsys.readouterr().out
 
 
