@@ -148,7 +148,8 @@ class RemoteStudio:
         decode: also the pixels of JPEG and PNG; otherwise the image has none.
         """
         commission, studio = self._submitted[ticket]
-        self._receive(studio)  # also what the process said before it ended
+        if ticket not in self._taken:
+            self._receive(studio)  # also what the process said before it ended
         while ticket not in self._taken and not self._lost:
             self._receive(studio, PATIENCE_S)
         del self._submitted[ticket]
