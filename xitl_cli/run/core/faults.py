@@ -29,7 +29,7 @@ from xitl_cli.record.topics import FaultEvent
 from xitl_cli.run.core.reports import FaultReport
 from xitl_cli.seeds import Seeds
 
-_WAYS = {"both": "both ways", "sensors": "to the agent", "actuators": "from the agent"}
+_WAYS = {"both": "to {} both ways", "sensors": "to {}", "actuators": "from {}"}
 _BIASES = {
     ImuFault: (("gyro_bias_frd_radps", "gyro", "rad/s"), ("accel_bias_frd_mps2", "accel", "m/s²")),
     GnssFault: (("position_bias_ned_m", "position", "m"), ("velocity_bias_ned_mps", "velocity", "m/s")),
@@ -39,11 +39,11 @@ _BIASES = {
 
 
 def describe_fault(fault: FaultSpec) -> str:
-    """Return a text such as `link both ways: delay 0.1 s, loss 5 %; imu: gyro + [0, 0, 0.01] rad/s`."""
+    """Return a text such as `link to the agent both ways: delay 0.1 s, loss 5 %; imu: gyro + [0, 0, 0.01] rad/s`."""
     parts: list[tuple[str, Iterable[str]]] = []
     if fault.link is not None:
-        name = "link" if fault.link.which == "agent" else f"link to {fault.link.which}"
-        parts.append((f"{name} {_WAYS[fault.link.direction]}", _link(fault.link)))
+        node = "the agent" if fault.link.which == "agent" else fault.link.which
+        parts.append((f"link {_WAYS[fault.link.direction].format(node)}", _link(fault.link)))
     if fault.agent is not None:
         parts.append((fault.agent.which, _agent(fault.agent)))
     for name in ("imu", "gnss", "magnetometer", "barometer"):

@@ -23,12 +23,15 @@ def described(**groups: object) -> str:
     [
         (
             {"link": {"delay_s": 0.1, "jitter_s": 0.02, "loss": 0.05}},
-            "link both ways: delay 0.1 s, jitter 0.02 s, loss 5 % of the frames",
+            "link to the agent both ways: delay 0.1 s, jitter 0.02 s, loss 5 % of the frames",
         ),
         (
             {"link": {"which": "companion", "direction": "sensors", "duplicate": 0.001, "reorder": 0.5, "cut": True}},
-            "link to companion to the agent: cut, duplicate 0.1 % of the frames, reorder 50 % of the frames",
+            "link to companion: cut, duplicate 0.1 % of the frames, reorder 50 % of the frames",
         ),
+        ({"link": {"which": "companion", "cut": True}}, "link to companion both ways: cut"),
+        ({"link": {"direction": "sensors", "cut": True}}, "link to the agent: cut"),
+        ({"link": {"direction": "actuators", "cut": True}}, "link from the agent: cut"),
         (
             {"agent": {"cpu_load": 0.8, "clock_offset_s": 0.5, "clock_skew_ppm": -40}},
             "agent: 80% of every processor busy, clock 0.5 s ahead, clock -40 ppm",
