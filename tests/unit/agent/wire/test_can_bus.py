@@ -25,6 +25,7 @@ from agent.wire.transport import (
     AddressInUseError,
     AddressUnavailableError,
     DatagramTooLongError,
+    LineOccupancy,
     TransportClosedError,
     TransportError,
 )
@@ -77,6 +78,7 @@ class Line:
         self.slept_s: list[float] = []
         monkeypatch.setattr(can_bus, "monotonic", lambda: self.now_s)
         monkeypatch.setattr(can_bus, "sleep", self._sleep)
+        monkeypatch.setattr(can_bus, "LineOccupancy", lambda: LineOccupancy(lambda: self.now_s))
         monkeypatch.setattr(can_bus, "open_bus", self._open)
         self.transport = CanTransport.open(urlsplit(url), False)
 
