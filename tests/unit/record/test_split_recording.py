@@ -220,7 +220,9 @@ def test_a_file_without_any_byte_is_named(tmp_path: Path) -> None:
     write(tmp_path / "run.mcap", BY_TIME)
     (tmp_path / "run-004.mcap").write_bytes(b"")
     with open_log(tmp_path) as log:
-        assert log.health.gaps == ("run-004.mcap is empty: no data from 29.0 s on; copy all files of the run again",)
+        assert log.health.gaps == (
+            "run-004.mcap is empty: no data from 29.0 s on; the run was killed there, or the file was not copied",
+        )
     (tmp_path / "run-002.mcap").write_bytes(b"not a recording")
     with open_log(tmp_path) as log:
         assert log.health.gaps[0].startswith("run-002.mcap cannot be read (")

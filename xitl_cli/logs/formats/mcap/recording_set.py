@@ -20,6 +20,7 @@ from xitl_cli.logs.model.recording_schema import NEXT_RECORD, RECORD, SPLIT_RECO
 from xitl_cli.logs.model.table import Selection, Table
 
 _MOST_FILES = 100_000
+_EMPTY = "is empty"
 
 
 def whole_recording(log: McapLog) -> Log:
@@ -33,8 +34,8 @@ def whole_recording(log: McapLog) -> Log:
         opened.enter_context(log)
         found: dict[int, McapLog | str] = {1: log}
         for number, path in _numbered(log.path).items():
-            if not path.stat().st_size:  # killed at its beginning
-                found[number] = "is empty"
+            if not path.stat().st_size:
+                found[number] = _EMPTY
                 continue
             try:
                 part = McapLog(path, log.vessel)
@@ -189,4 +190,6 @@ def _gap_sentences(parts: Mapping[int, McapLog], absent: Mapping[int, str]) -> I
         before = max((span[1] for n, part in parts.items() if n < numbers[0] and (span := part.span_ns)), default=0)
         after = min((span[0] for n, part in parts.items() if n > numbers[-1] and (span := part.span_ns)), default=None)
         until = "" if after is None else f" to {after * 1e-9:.1f} s"
-        yield f"{names} {why}: no data from {before * 1e-9:.1f} s{until or ' on'}; copy all files of the run again"
+        ended = why == _EMPTY and after is None
+        advice = "the run was killed there, or the file was not copied" if ended else "copy all files of the run again"
+        yield f"{names} {why}: no data from {before * 1e-9:.1f} s{until or ' on'}; {advice}"
