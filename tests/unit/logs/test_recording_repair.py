@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, SeekingReader
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros_files import write
@@ -146,6 +147,7 @@ _DAMAGE = st.tuples(st.integers(0, 10**6), st.sampled_from((1, 9, 512)), st.samp
 @pytest.mark.medium
 @given(kind=st.sampled_from(KINDS), damage=st.lists(_DAMAGE, min_size=1, max_size=4))
 @example(kind="ZSTD", damage=[(73338, 512, b"\0"), (499477, 512, b"\0")])
+@example(kind="loose", damage=[(131, 1, b"\0")])
 @_ANY
 def test_damage_anywhere_leaves_a_file_that_is_whole(
     tmp_path: Path, recordings: Path, kind: str, damage: list[tuple[int, int, bytes]]
@@ -191,6 +193,34 @@ def test_an_index_that_is_wrong_is_made_anew(tmp_path: Path, recordings: Path) -
     assert done.out is not None
     assert whole_content(done.out) == before
     assert "message index" in done.health.damage[0].why
+
+
+@pytest.mark.parametrize("opcode", [Opcode.CHANNEL, Opcode.SCHEMA])
+def test_a_description_that_only_the_summary_has_is_written_before_its_messages(
+    tmp_path: Path, recordings: Path, opcode: Opcode
+) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(bytes_of(recordings, "loose"))
+    before = content(path, NonSeekingReader)
+    damaged = bytearray(bytes_of(recordings, "loose"))
+    first = record_at(damaged, opcode)
+    assert damaged[first + 9] == 1  # its id
+    damaged[first + 9] = 7
+    path.write_bytes(damaged)
+    with pytest.raises(McapError):
+        content(path, NonSeekingReader)
+    done = repaired(path)
+    assert "not described before it" in " ".join(damage.why for damage in done.health.damage)
+    assert done.out is not None
+    assert whole_content(done.out) == before
+
+
+def record_at(data: bytes | bytearray, wanted: Opcode) -> int:
+    """Offset of the first record of this kind."""
+    at = 8
+    while data[at] != wanted:
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    return at
 
 
 def test_a_file_without_a_summary_gets_one(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, BinaryIO
@@ -28,6 +29,7 @@ from xitl_cli.logs.formats.mcap.container import (
     Chunk,
     ChunkContent,
     Chunks,
+    LooseDescriptions,
     OtherRecord,
     RecordingIndex,
     SchemaRecord,
@@ -62,13 +64,28 @@ def examine(index: RecordingIndex, chunks: Chunks) -> None:
     """Read the content of all chunks, so that the index's losses are complete, and check the file's own index against
     it."""
     counts: dict[int, int] = {}
+    loose = deque(index.loose)
+    schemas, channels = {0}, set[int]()
     for chunk in index.chunks:
         indexed = bool(chunk.index_places)
-        rows = _content(chunks, chunk).rows
+        content = _content(chunks, chunk)
         if indexed and not chunk.index_places and chunks.is_sound(chunk):
             index.losses.note(chunk.place, 0, "a message index does not match its chunk")
-        for channel, count in _counts(rows.channel):
+        described: list[LooseDescriptions | ChunkContent] = [content]
+        while loose and loose[0].place <= chunk.place:
+            described.append(loose.popleft())
+        for part in described:
+            schemas |= {schema.id for schema in part.schemas}
+            channels |= {channel.id for channel in part.channels}
+        in_chunk = _counts(content.rows.channel)
+        for channel, count in in_chunk:
             counts[channel] = counts.get(channel, 0) + count
+        used = {channel for channel, _ in in_chunk} & index.channels.keys()
+        if used - channels or {index.channels[channel].schema_id for channel in used} - schemas:
+            # The summary describes them, and readers that start at the beginning do not know them.
+            index.losses.note(chunk.place, 0, "the channel or schema of a message is not described before it")
+            channels |= used
+            schemas |= index.schemas.keys()
     if {channel: count for channel, count in counts.items() if channel in index.channels} != index.counts:
         index.losses.note(0, 0, "the message counts of the summary are wrong")
 
