@@ -80,6 +80,12 @@ def test_no_delay_is_told_where_none_can_be() -> None:
     assert step_responses(STAMPS, np.where(T_S < 60, 0.0, 30.0), np.zeros(len(T_S)), 10.0)[0].rise_s is None
 
 
+def test_a_response_that_hardly_varies_has_no_delay() -> None:
+    still = np.random.default_rng(5).normal(0.0, 0.2, len(T_S))
+    for achieved in (np.full(len(T_S), 12.0), still):
+        assert response_delay_s(STAMPS, np.abs((T_S % 80.0) - 40.0), achieved, 3.0) is None
+
+
 def log_of(demanded: Array, yaw: Array, *, speed: Array | None = None, told: bool = False) -> MadeLog:
     moving = np.full(len(T_S), 2.0)
     achieved = moving if speed is None else speed

@@ -30,6 +30,7 @@ from xitl_cli.plugins.logs.analyses.outputs import driven_outputs
 
 LONGEST_PAUSE_S = 2.0  # between rows: values in a longer pause are unknown
 LONGEST_DELAY_S = 10.0
+_RESPONDS = 0.1  # share of the setpoint's variation, less than which is no response
 _FINER = 0.8  # share of the error without a shift, required for a delay
 _SHIFT_S, _MOST_ROWS = 0.05, 20_000
 _STEP_WITHIN_S, _BEGINS_SHARE = 1.0, 0.1
@@ -60,11 +61,14 @@ class StepResponse:
 def response_delay_s(stamp_ns: Stamps, demanded: Floats, achieved: Floats, least: float) -> float | None:
     """Delay at which the response is nearest to the setpoint, by least squares.
 
-    demanded, achieved: (N,) without turns. least: least change of the setpoint that allows a result. None also if no
-    shift brings the two clearly nearer to each other.
+    demanded, achieved: (N,) without turns. least: least change of the setpoint that allows a result. None also if the
+    response hardly varies, or if no shift brings the two clearly nearer to each other.
     """
     parts = [part for part in unbroken(stamp_ns) if part.stop - part.start >= _LEAST_ROWS]
-    if not parts or max(float(np.std(demanded[part])) for part in parts) < least:
+    varies, responds = (
+        max((float(np.std(every[part])) for part in parts), default=0.0) for every in (demanded, achieved)
+    )
+    if varies < least or responds < _RESPONDS * varies:
         return None
     shifts_s = np.arange(0.0, LONGEST_DELAY_S, _SHIFT_S)
     errors = _squares_apart(stamp_ns, demanded, achieved, parts, shifts_s)
