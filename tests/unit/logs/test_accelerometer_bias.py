@@ -91,3 +91,23 @@ def test_a_velocity_that_repeats_or_is_missing_shows_no_bias() -> None:
         Series(sound.stamp_ns[~held], sound.values[~held], "m/s", "GPS"),
     ):
         assert accelerometer_steps(unit((0.0, 0.0, 0.0)), attitude_deg(), series) == []
+
+
+def wandering(seed: int) -> Series:
+    """Velocity of a receiver with an error that changes within 6 s, as that of reflected signals."""
+    sound, rng = velocity(), np.random.default_rng(seed)
+    kept = np.exp(-0.2 / 6.0)
+    error = np.zeros(sound.values.shape)
+    for row in range(1, len(error)):
+        error[row] = kept * error[row - 1] + np.sqrt(1.0 - kept**2) * rng.normal(size=3) * [0.22, 0.22, 0.07]
+    return Series(sound.stamp_ns, sound.values + error, "m/s", "GPS")
+
+
+@pytest.mark.parametrize("seed", [6, 12, 32, 38, 39])
+def test_in_turns_a_bias_is_not_placed_at_another_time(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the bias at its own time, one of the other axis some seconds before or after it fits nearly as well."""
+    monkeypatch.setitem(globals(), "yaw_rad", lambda time_s: 1.6 * np.sin(0.2 * time_s))
+    steps = accelerometer_steps(unit((0.7, 0.0, 0.0)), attitude_deg(4.1), wandering(seed))
+    assert all(step.from_ns == pytest.approx(ONSET_S * S, abs=S) for step in steps)
+    assert all(np.argmax(np.abs(step.size)) == 0 for step in steps)
+    assert len(steps) == (seed in (6, 32, 39))  # the error hides the others

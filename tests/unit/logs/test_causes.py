@@ -61,6 +61,20 @@ CUT = (
 )
 
 
+def test_a_notice_explains_a_worse_finding_only_if_nothing_worse_does() -> None:
+    missing = finding("sensors.missing", 16.0, 40.0, 57.0, severity=NOTICE)
+    refused = finding("estimator.position_refused", (58.0, 68.0), severity=CRITICAL)
+    jump = finding("gnss.jump", 57.9)
+    assert shape(group_findings(Report((log(missing, refused),)))) == [("sensors.missing", [refused.key])]
+    assert shape(group_findings(Report((log(missing, jump, refused),)))) == [
+        ("gnss.jump", [refused.key]),
+        ("sensors.missing", []),
+    ]
+    on_purpose = finding("faults.injected", (57.0, 70.0), severity=NOTICE)
+    groups = shape(group_findings(Report((log(on_purpose, jump, refused),))))
+    assert groups == [("faults.injected", ["gnss.jump", refused.key])]
+
+
 def test_a_stuck_sensor_explains_an_attitude_that_only_the_estimate_has() -> None:
     stuck, doubtful = finding("sensors.stuck", (31.7, 37.7)), finding("attitude.doubtful", (35.3, 51.3))
     assert shape(group_findings(Report((log(stuck, doubtful),)))) == [("sensors.stuck", ["attitude.doubtful"])]

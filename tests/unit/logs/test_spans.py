@@ -84,6 +84,17 @@ def test_values_that_do_not_change_for_a_second_are_a_hold() -> None:
     assert find_holds(values, 0.02, shortest_s=0.6).holds == (HeldRows(20, 49),)
 
 
+def test_values_within_the_resolution_are_equal_unless_they_drift() -> None:
+    values = np.arange(100.0)
+    values[20:50] = 7.0
+    values[21:50:3] = 7.01
+    assert find_holds(values, 0.1).holds == ()
+    assert find_holds(values, 0.1, resolution=0.011).holds == (HeldRows(20, 49),)
+    assert find_holds(values, 0.1, resolution=0.009).holds == ()
+    values[20:50] = 7.0 + 0.01 * np.arange(30)
+    assert find_holds(values, 0.1, resolution=0.011).holds == ()
+
+
 @pytest.mark.parametrize(("rows", "held"), [(19, False), (20, True)])
 def test_a_hold_is_twenty_times_as_long_as_usual(rows: int, held: bool) -> None:
     values = np.concatenate((np.arange(50.0), np.full(rows, 99.0), np.arange(50.0)))

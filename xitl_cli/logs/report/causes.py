@@ -339,10 +339,13 @@ def _cause(effect: _Placed, every: Sequence[_Placed]) -> int | None:
             continue
         span = _explaining_span(effect, other)
         if span is not None:
-            # A lasting finding is a state, such as a field that always changes: an event explains more.
-            candidates.append((other.lasts, effect.rounded_s(span[0]), other.rank, place))
+            # A lasting finding is a state, such as a field that always changes: an event explains more. A notice
+            # explains a worse finding only if nothing worse does. What was injected on purpose is a notice too.
+            minor = other.found.finding.severity < min(effect.found.finding.severity, Severity.WARNING)
+            minor = minor and not is_kind(other.found.finding.key, ("faults",))
+            candidates.append((other.lasts, minor, effect.rounded_s(span[0]), other.rank, place))
         elif _is_repeated(effect, other):
-            candidates.append((False, effect.rounded_s(other.begin_s), other.rank, place))
+            candidates.append((False, False, effect.rounded_s(other.begin_s), other.rank, place))
     return min(candidates)[-1] if candidates else None
 
 

@@ -104,15 +104,18 @@ class HoldStatistics:
     holds: tuple[HeldRows, ...]
 
 
-def find_holds(values: Floats, period_s: float, shortest_s: float = 1.0) -> HoldStatistics:
+def find_holds(values: Floats, period_s: float, shortest_s: float = 1.0, resolution: float = 0.0) -> HoldStatistics:
     """Find holds in rows (N,) or (N, k).
 
-    A hold lasts at least `shortest_s`, ten rows, and twenty times the usual length in this record.
+    A hold lasts at least `shortest_s`, ten rows, and twenty times the usual length in this record. resolution: greatest
+    difference of equal values.
     """
     rows = values.reshape(len(values), -1)
     if len(rows) < 2:
         return HoldStatistics(0.0, 1.0, ())
     same = (rows[1:] == rows[:-1]).all(axis=1)
+    if resolution > 0.0:
+        same |= _within(rows, resolution)
     begins = np.flatnonzero(np.concatenate(([True], ~same)))
     lengths = np.diff(np.concatenate((begins, [len(rows)])))
     least = max(_FEWEST, math.ceil(shortest_s / period_s))
@@ -121,6 +124,17 @@ def find_holds(values: Floats, period_s: float, shortest_s: float = 1.0) -> Hold
     long = np.flatnonzero(lengths >= max(least, math.ceil(_LONGER_THAN_USUAL * usual)))
     holds = tuple(HeldRows(int(begins[place]), int(begins[place] + lengths[place] - 1)) for place in long)
     return HoldStatistics(float(same.mean()), usual, holds)
+
+
+def _within(rows: Floats, resolution: float) -> Flags:
+    """(N - 1,) whether a row and the one before belong to a run of rows that all differ by `resolution` at most."""
+    close: Flags = np.all(np.abs(np.diff(rows, axis=0)) <= resolution, axis=1)
+    begins = np.flatnonzero(np.concatenate(([True], ~close)))
+    spread = np.maximum.reduceat(rows, begins) - np.minimum.reduceat(rows, begins)
+    of_run = np.cumsum(np.concatenate(([True], ~close))) - 1
+    narrow: Flags = np.all(spread <= resolution, axis=1)
+    found: Flags = np.logical_and(close, narrow[of_run[1:]])
+    return found
 
 
 _DENSE_HZ = 4.0

@@ -31,6 +31,11 @@ _HALF = 60
 """Cells of half a window."""
 _STRIDE = 5
 _MOST_CELLS = 40_000
+_MARGIN = 10
+"""Least cells of a window before and after an onset."""
+_NEAR = 10
+"""Cells within which two onsets are not told apart."""
+_CLEARLY = 1.2
 _LEAST_GAIN = 2.5
 """Least ratio of the squared residuals without a bias, and with a step of the velocity, to those with the bias."""
 _MOST_GAP_S = 1.0
@@ -96,9 +101,11 @@ def accelerometer_steps(unit: InertialUnit, angles_deg: list[Series], velocity: 
         best = max(fine, key=lambda fit: fit.gain)
         if best.gain < _LEAST_GAIN:
             break
-        if best.sound:
+        elsewhere = _begins_elsewhere(cells, best)
+        if best.sound and not elsewhere:
             rows[best.at] = best.bias_mps2
-        fits = {at: fit for at, fit in fits.items() if abs(at - coarse) > _HALF}
+        near = _NEAR if elsewhere else _HALF
+        fits = {at: fit for at, fit in fits.items() if abs(at - coarse) > near}
     order = sorted(rows)
     return paired_steps([int(cells.stamp_ns[at]) for at in order], [rows[at] for at in order])
 
@@ -161,10 +168,20 @@ class _Fit:
         return self.steps > _LEAST_GAIN and float(np.linalg.norm(self.bias_mps2)) > LEAST_BIAS_MPS2
 
 
-def _fitted(cells: _Cells, at: int) -> _Fit | None:
-    """Fit of line and parabola (errors of the attitude), of a bias in the whole window, and of one from this cell on.
+def _begins_elsewhere(cells: _Cells, fit: _Fit) -> bool:
+    """Whether a bias with another onset explains the window better.
 
-    None if a part of the window is unknown.
+    In a turn, errors of the attitude by a bias of one axis look like an earlier or later bias of another axis.
+    """
+    onsets = range(-_HALF + _MARGIN, _HALF - _MARGIN + 1, _STRIDE)
+    others = [_fitted(cells, fit.at, onset) for onset in onsets if abs(onset) > _NEAR]
+    return any(other.gain > _CLEARLY * fit.gain for other in others if other is not None)
+
+
+def _fitted(cells: _Cells, at: int, onset: int = 0) -> _Fit | None:
+    """Fit of line and parabola (errors of the attitude), of a bias in the whole window, and of one from `onset` on.
+
+    at: cell in the middle of the window. onset: cells after it. None if a part of the window is unknown.
     """
     rows = slice(at - _HALF, at + _HALF)
     if at < _HALF or at + _HALF > len(cells.stamp_ns):
@@ -175,7 +192,7 @@ def _fitted(cells: _Cells, at: int) -> _Fit | None:
     if not np.isfinite(apart).all():
         return None
     line = (np.arange(2 * _HALF) - _HALF + 0.5) / _HALF
-    after = (line > 0.0)[:, None, None]
+    after = (line > onset / _HALF)[:, None, None]
     axes = to_ned @ cells.turned[rows]
     whole, bias = (np.cumsum(part, axis=0).reshape(-1, 3) * _CELL_S for part in (axes, np.where(after, axes, 0.0)))
     usual = np.hstack([np.kron(np.stack([np.ones(2 * _HALF), line, line**2], axis=1), np.eye(3)), whole])
@@ -186,4 +203,4 @@ def _fitted(cells: _Cells, at: int) -> _Fit | None:
         left = apart - columns @ fitted
         squares.append(float(left @ left))
     least = max(squares[-1], 1e-9)
-    return _Fit(at, fitted[-3:], squares[0] / least, squares[1] / least)
+    return _Fit(at + onset, fitted[-3:], squares[0] / least, squares[1] / least)

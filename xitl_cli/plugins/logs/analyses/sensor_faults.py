@@ -57,6 +57,8 @@ def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps, log: Log) ->
     else:
         sort, message, field = each.sort, each.message, each.fields[0]
         values, rate_hz = each.values, None
+    # The mean of equal pressures in single precision alternates between two numbers.
+    resolution = float(np.spacing(np.float32(np.nanmax(np.abs(values))))) if sort == "barometer" else 0.0
     return JudgedSensor(
         name=each.name,
         sort=sort,
@@ -67,7 +69,7 @@ def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps, log: Log) ->
         regularity=found,
         gaps=_own_gaps(log, each.stamp_ns, each.sample_ns, found, pause),
         clock_jumps=each.times.jumps,
-        holding=find_holds(values, found.period_s),
+        holding=find_holds(values, found.period_s, resolution=resolution),
         healthy=each.healthy,
         temperature_degc=each.temperature_degc,
         sensor_rate_hz=rate_hz,
