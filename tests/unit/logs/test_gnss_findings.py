@@ -92,8 +92,10 @@ def test_a_receiver_that_falls_silent_for_good():
     ("rows", "disarmed_s", "method", "reported"),
     [
         (490, 98.1, 1, False),  # the log ends at 100 s
-        (490, 95.0, 1, True),
+        (490, 95.0, 1, False),
         (490, 98.1, 6, True),  # a failsafe disarmed it
+        (490, 95.0, 6, False),  # the failsafe was before
+        (470, 90.0, 1, True),  # the log goes on for longer
         (300, 60.1, 1, True),
     ],
 )

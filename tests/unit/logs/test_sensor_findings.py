@@ -139,14 +139,20 @@ def test_missing_samples_are_evidence_only_near_the_gaps():
     assert spans_s == [pytest.approx((19.98, 20.78)), pytest.approx((49.98, 51.18))]
 
 
-@pytest.mark.parametrize(("method", "expected"), [(1, []), (6, ["sensors.stuck"])])
-def test_a_unit_that_stops_after_disarming_is_switched_off_unless_a_failsafe_disarmed(method: int, expected: list[str]):
+@pytest.mark.parametrize(
+    ("method", "disarmed_s", "expected"), [(1, 58.0, []), (6, 58.0, ["sensors.stuck"]), (6, 30.0, [])]
+)
+def test_a_unit_that_stops_after_disarming_is_switched_off_unless_a_failsafe_disarmed(
+    method: int, disarmed_s: float, expected: list[str]
+):
     columns = imu_columns(60.0)
     for values in columns.values():
         values[2900:] = values[2900]
     moving = MadeTable("GPS", stamps(60.0, 5.0), {"Spd": np.full(300, 2.0)})
-    arm = MadeTable("ARM", [5 * S, 58 * S], {"ArmState": [1, 0], "Method": [1, method]})
+    arm = MadeTable("ARM", [5 * S, round(disarmed_s * S)], {"ArmState": [1, 0], "Method": [1, method]})
     assert keys(report(imu(**columns), arm, moving)) == expected
+    armed_again = MadeTable("ARM", [5 * S, 30 * S, 40 * S], {"ArmState": [1, 0, 1], "Method": [1, method, 1]})
+    assert keys(report(imu(**columns), armed_again, moving)) == ["sensors.stuck"]
 
 
 @pytest.mark.parametrize(("speed_mps", "expected"), [(2.0, ["sensors.stuck"]), (0.0, [])])

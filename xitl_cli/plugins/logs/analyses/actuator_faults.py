@@ -56,6 +56,9 @@ Spans = NDArray[np.intp]
 LEAST_GAIN, LEAST_STEERING_GAIN = 120.0, 100.0
 """Least improvement of the fit in units of its variance, for a propeller and for a rudder or gear. In 18 runs without a
 fault of an actuator, it was under 40, but for 65 in a collision and 84 with a weak battery."""
+_DEFIED_GAIN, _DEFIED, _DEFIED_SHARE = 55.0, 0.5, 0.7
+"""Least improvement for a rudder or gear whose commands were far from where it is stuck, and how far for which share of
+the time."""
 _SEARCHED_GAIN = 40.0
 _SHORTEST_NS = 10_000_000_000
 _BRIEF_S, _BRIEF_GAIN = 5.0, 2.0
@@ -398,7 +401,12 @@ def unanswered_turns(motion: VesselMotion) -> list[UnansweredTurn]:
 def _certain(fault: DetectedFault, motion: VesselMotion) -> bool:
     """Whether the fault is long and large enough to exclude wind, waves and model errors."""
     until_ns = int(motion.stamp_ns[-1]) if fault.until_ns is None else fault.until_ns
-    least = LEAST_STEERING_GAIN if motion.steers[fault.output] else LEAST_GAIN
+    least = LEAST_GAIN
+    if motion.steers[fault.output]:
+        during = (motion.stamp_ns >= fault.from_ns) & (motion.stamp_ns <= until_ns)
+        apart = np.abs(motion.commands[during, fault.output] - fault.size)
+        defied = fault.kind == "stuck" and float(np.mean(apart > _DEFIED)) >= _DEFIED_SHARE
+        least = _DEFIED_GAIN if defied else LEAST_STEERING_GAIN
     enough = fault.kind != "thrust_loss" or fault.size >= LEAST_LOSS
     length_ns = until_ns - (fault.from_ns if fault.began_ns is None else fault.began_ns[0])
     early = fault.from_ns - int(motion.stamp_ns[0]) < _EARLY_NS

@@ -105,9 +105,10 @@ def disarming_method(log: Log, at_ns: int) -> int | None:
 
 
 def shut_down(log: Log, from_ns: int, until_ns: int) -> bool:
-    """Whether a span lasts from disarming to the end of the log, seconds later: sensors are then switched off.
+    """Whether a span lasts from disarming, or a later time, to the end of the log, seconds later: sensors are then
+    switched off.
 
-    This does not hold after a failsafe, which a sensor that stopped may have caused.
+    A span that begins at a failsafe is not of this kind, because a sensor that stopped may have caused the failsafe.
     """
     if log.span_ns is None:
         return False
@@ -115,6 +116,9 @@ def shut_down(log: Log, from_ns: int, until_ns: int) -> bool:
     if end_ns - from_ns > _SHUTDOWN_NS or end_ns - until_ns > _AGREES_NS:
         return False
     ends_ns = [span.until_ns for span in signals.armed(log) if span.until_ns < end_ns]
+    is_last = len(ends_ns) == len(signals.armed(log))
+    if ends_ns and is_last and max(ends_ns) < from_ns - _AGREES_NS:
+        return True
     return any(
         abs(at_ns - from_ns) <= _AGREES_NS and disarming_method(log, at_ns) not in FAILSAFE_ARMING_METHODS
         for at_ns in ends_ns
