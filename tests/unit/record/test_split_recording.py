@@ -275,3 +275,29 @@ def test_a_next_file_that_exists_is_refused_and_stays(tmp_path: Path) -> None:
     assert [one.data for one in on_topic(tmp_path / "run.mcap", "/x")] == [b"1"]
     assert [part.file for part in file.files] == ["run.mcap"]
     assert issubclass(RecordingError, UserError)
+
+
+@pytest.mark.parametrize(
+    ("limits", "stamps_s", "bytes_each", "begins_s"),
+    [
+        (SplitLimits(time_ns=2 * SECOND_NS), (0.0, 1.5, 3.0, 4.5, 6.0, 7.5), 10, (0.0, 3.0, 4.5, 6.0)),
+        (SplitLimits(time_ns=2 * SECOND_NS), (0.0, 1.9, 9.0, 9.9, 10.0), 10, (0.0, 9.0, 10.0)),
+        (SplitLimits(message_bytes=3 * (MESSAGE_BYTES + 10)), range(7), 10, (0.0, 3.0, 6.0)),
+        (SplitLimits(message_bytes=100), range(3), 1000, (0.0, 1.0, 2.0)),  # one message is larger than the limit
+        (
+            SplitLimits(message_bytes=3 * (MESSAGE_BYTES + 10), time_ns=4 * SECOND_NS),
+            (0.0, 0.5, 1.0, 3.0, 4.0, 6.9, 7.0, 8.0),
+            10,
+            (0.0, 3.0, 7.0),  # four seconds from the file of 3 s on
+        ),
+    ],
+)
+def test_a_next_file_begins_at_whole_periods_and_when_a_file_is_full(
+    tmp_path: Path, limits: SplitLimits, stamps_s: Any, bytes_each: int, begins_s: tuple[float, ...]
+) -> None:
+    file = McapFile(tmp_path / "run.mcap", "none", split=limits)
+    write_payload = file.ros_channel("/data", "pkg/msg/Data", "uint8[] data\n")
+    for stamp_s in stamps_s:
+        write_payload(bytes(bytes_each), round(stamp_s * SECOND_NS))
+    file.close()
+    assert [one.from_ns * 1e-9 for one in file.files] == pytest.approx(begins_s)
