@@ -167,6 +167,21 @@ def test_changes_of_a_scene_are_those_that_were_encoded() -> None:
         list(scene_changes(boom.encode()[:-1]))
 
 
+@pytest.mark.parametrize("length", [100, 200, 20_000, 3_000_000])
+def test_long_entities_and_fields_of_other_versions_are_passed_over(length: int) -> None:
+    """A length takes up to four bytes. Field 15 is a number of two bytes, of eight and of four fixed ones."""
+    boom = messages.SceneEntity(frame_id="map", id="boom", texts=[messages.TextPrimitive(text="x" * length)])
+    update = messages.SceneUpdate(entities=[boom]).encode()
+    unknown = b"\x78\xac\x02", b"\x79" + b"\x12" * 8, b"\x7d" + b"\x12" * 4
+    changes = list(scene_changes(b"".join(field + update for field in unknown)))
+    assert changes == [SceneChange(("map", "boom"), update)] * 3
+    for field in unknown:
+        with pytest.raises(ValueError, match="beyond its message"):
+            list(scene_changes(update + field[:-1]))
+    with pytest.raises(ValueError, match="unknown wire type 3"):
+        list(scene_changes(update + b"\x7b"))
+
+
 def test_the_set_is_one_log_equal_to_the_unsplit_recording(tmp_path: Path) -> None:
     write(tmp_path / "whole.mcap", None)
     write(tmp_path / "run.mcap", BY_TIME)
