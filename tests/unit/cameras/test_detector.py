@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -169,12 +170,41 @@ def sky_and_water(line: np.ndarray) -> np.ndarray:
     return np.where((below < 0)[..., None], (180, 190, 200), water).astype(np.uint8)
 
 
-@pytest.mark.parametrize("slope", [0.0, 0.05, -0.04])
+@pytest.mark.parametrize("slope", [0.0, 0.05, -0.04, 0.085, -0.085])
 def test_the_horizon_is_the_line_between_sky_and_water(slope: float) -> None:
-    line = 112.0 + slope * (np.mgrid[:240, :320][1] - 159.5)
+    line = 116.0 + slope * (np.mgrid[:240, :320][1] - 159.5)
     found = ColourDetector(CAMERA, lens_of(CAMERA)).find_horizon(sky_and_water(line))
-    assert found == pytest.approx((112.0 - 159.5 * slope, 112.0 + 159.5 * slope), abs=2.0)
+    assert found == pytest.approx((116.0 - 159.5 * slope, 116.0 + 159.5 * slope), abs=2.0)
     assert ColourDetector(CAMERA, lens_of(CAMERA)).find_horizon(np.full((240, 320, 3), 90, np.uint8)) is None
+
+
+@pytest.mark.parametrize(
+    ("column", "below_px", "found"), [(40, 24, True), (40, 16, False), (270, 24, True), (270, 16, False)]
+)
+def test_the_distance_of_an_object_is_from_the_horizon_above_it(column: int, below_px: int, found: bool) -> None:
+    """60 m are 19.6 px below a horizon that slants by 13 px to both sides."""
+    camera = replace(CAMERA, position_frd_m=(0.0, 0.0, -5.0))
+    line = 119.5 + 0.08 * (np.mgrid[:240, :320][1] - 159.5)
+    image = np.where((np.mgrid[:240, :320][0] < line)[..., None], (180, 190, 200), (80, 75, 60)).astype(np.uint8)
+    bottom = round(line[0, column + 3]) + below_px
+    image[bottom - 5 : bottom, column : column + 6] = RED
+    detections = ColourDetector(camera, lens_of(camera)).detect(image)
+    assert [one.label for one in detections] == ["buoy"] * found
+
+
+def test_orange_far_above_the_horizon_is_no_boom() -> None:
+    image = river()
+    image[60:70, 96:240] = (225, 95, 25)
+    assert not ColourDetector(CAMERA, lens_of(CAMERA)).detect(image)
+
+
+@pytest.mark.parametrize(("horizon_row", "found"), [(190, True), (222, False)])
+def test_objects_need_some_rows_of_water(horizon_row: int, found: bool) -> None:
+    pitch_deg = math.degrees(math.atan((horizon_row - 120) / 228.5))
+    camera, image = replace(CAMERA, pitch_deg=pitch_deg), np.roll(river(), horizon_row - 120, axis=0)
+    image[:horizon_row] = (180, 190, 200)
+    image[horizon_row + 8 : horizon_row + 14, 100:106] = RED
+    assert [one.label for one in ColourDetector(camera, lens_of(camera)).detect(image)] == ["buoy"] * found
 
 
 def test_a_shore_and_the_top_of_a_wall_are_no_horizons() -> None:
