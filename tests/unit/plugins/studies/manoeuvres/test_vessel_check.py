@@ -125,8 +125,12 @@ def test_top_speed_is_where_thrust_and_drag_meet(model: VesselSpec, checked: Ves
     assert values["astern_speed_mps"] == pytest.approx(level(lambda own: own.max_reverse_thrust_n), rel=0.03)
 
 
-def test_figures_of_a_vessel_by_hand(model: VesselSpec, checked: VesselCheck) -> None:
+def test_figures_of_a_vessel_by_hand(model: VesselSpec, rest: AtRest, checked: VesselCheck) -> None:
     values: dict[str, Any] = dict(checked.values)
+    assert [finding.rule for finding in checked.findings] == ["thrust.mission", "froude.high"]
+    for name, mode in rest.modes.items():  # see the test of their closed forms
+        assert values[f"{name}_period_s"] == pytest.approx(mode.period_s, rel=1e-3)
+        assert values[f"{name}_damping_ratio"] == pytest.approx(mode.damping_ratio, rel=1e-3)
     added, linear = model.added_mass, model.damping_linear
     assert values["displacement_kg"] == model.mass_kg
     assert values["draft_m"] + values["freeboard_m"] == pytest.approx(model.demi_hulls[0].height_m, rel=1e-3)
