@@ -185,6 +185,22 @@ def test_interference_of_the_compass_is_no_bias_of_the_gyroscope(until_s: float)
     assert gyro_steps(unit(), level(), level(), off, field_steps(rotations(unit()), off)) == []
 
 
+def test_a_compass_that_is_off_in_circles_is_no_bias_of_the_gyroscope() -> None:
+    """An error that far exceeds the level field hides the turns: the heading hardly changes any more."""
+    rates = np.zeros((len(unit().stamp_ns), 3))
+    rates[:, 2] = 0.15
+    circling, time_s = replace(unit(), gyro_radps=rates), np.arange(0.0, END_S, 0.1)
+    north, _, down = FIELD_MGAUSS
+    psi = 0.15 * time_s
+    body = np.stack([north * np.cos(psi), -north * np.sin(psi), np.full(len(psi), down)], axis=1)
+    body[time_s >= 60.0] += (1500.0, 0.0, 0.0)
+    off = series("magnetometer", "mGauss", time_s, body)
+    (step,) = field_steps(rotations(circling), off)
+    assert step.until_ns is None
+    assert gyro_steps(circling, level(), level(), off, [step]) == []
+    assert gyro_steps(circling, level(), level(), off)  # without the step, it is taken for one
+
+
 def with_error(error: np.ndarray) -> SensorSeries:
     """The compass with an error (N, 3) in body axes."""
     right = compass((0.0, 0.0, 0.0), 0.0, 0.0)
