@@ -158,8 +158,16 @@ def test_a_barometer_under_way_that_repeats_a_value_is_stuck(speed_mps: float, e
     assert keys(report(imu(), baro(pressure_pa), moving)) == expected
 
 
-def test_the_table_shows_the_share_of_repeated_rows():
+def test_a_damaged_pressure_holds_no_other():
+    """Pressures are equal within a step of their single precision, not of the damaged one's."""
     pressure_pa = 100_600.0 + np.random.default_rng(4).standard_normal(len(stamps(60.0)))
+    pressure_pa[1700] = 1e12
+    moving = MadeTable("GPS", stamps(60.0, 5.0), {"Spd": np.full(300, 2.0)})
+    assert "sensors.stuck" not in keys(report(imu(), baro(pressure_pa), moving))
+
+
+def test_the_table_shows_the_share_of_repeated_rows():
+    pressure_pa = 100_600.0 + 0.1 * np.arange(len(stamps(60.0)))
     pressure_pa[1::2] = pressure_pa[::2]
     (grid,) = report(imu(), baro(pressure_pa)).grids
     repeated = {row[0]: row[grid.columns.index("repeated %")] for row in grid.rows}
