@@ -123,7 +123,6 @@ class McapFile:
         self._mirrors = tuple(mirrors)
         self._now_s = now_s
         self._flushed_s = now_s()
-        self._whole_bytes = 0
         self._refused_once = False
         self._kept: list[ChunkMessage] = []
         self._filled_bytes = 0

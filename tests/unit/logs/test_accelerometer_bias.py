@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_log import MadeTable
+from made_log import MadeLog, MadeTable
 from numpy.typing import NDArray
 
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.sections import Evidence, Finding
 from xitl_cli.logs.signals.sensors import STANDARD_GRAVITY_MPS2, InertialUnit, SampleTimes
 from xitl_cli.logs.signals.series import Series
-from xitl_cli.plugins.logs.analyses.accelerometer_bias import accelerometer_steps
+from xitl_cli.plugins.logs.analyses.accelerometer_bias import accelerometer_findings, accelerometer_steps
 
 S = 1_000_000_000
 END_S, ONSET_S = 90.0, 45.0
@@ -111,3 +113,54 @@ def test_in_turns_a_bias_is_not_placed_at_another_time(seed: int, monkeypatch: p
     assert all(step.from_ns == pytest.approx(ONSET_S * S, abs=S) for step in steps)
     assert all(np.argmax(np.abs(step.size)) == 0 for step in steps)
     assert len(steps) == (seed in (6, 32, 39))  # the error hides the others
+
+
+def log_of(bias_mps2: tuple[float, float, float], until_s: float = END_S + 1.0, first_fix_s: float = 0.0) -> MadeLog:
+    """The same as tables of ArduPilot; without a fix, the velocity is wrong."""
+    made, ground = unit(bias_mps2, until_s), velocity()
+    assert made.gyro_radps is not None
+    assert made.accel_mps2 is not None
+    imu = dict(
+        zip((*made.gyro_fields, *made.accel_fields), np.hstack([made.gyro_radps, made.accel_mps2]).T, strict=True)
+    )
+    angles = dict(zip(("Roll", "Pitch", "Yaw"), (series.values for series in attitude_deg()), strict=True))
+    fixed = ground.stamp_ns >= first_fix_s * S
+    north, east, _ = ground.values.T
+    gps = {
+        "Lat": np.full(len(north), -8.8), "Lng": np.full(len(north), -63.9), "Status": np.where(fixed, 3, 2),
+        "Spd": np.where(fixed, np.hypot(north, east), 50.0), "GCrs": np.degrees(np.arctan2(east, north)) % 360.0,
+        "VZ": np.zeros(len(north)),
+    }  # fmt: skip
+    return MadeLog(
+        MadeTable("IMU", made.stamp_ns, imu),
+        MadeTable("ATT", attitude_deg()[0].stamp_ns, angles),
+        MadeTable("GPS", ground.stamp_ns, gps),
+    )
+
+
+def findings_of(log: MadeLog) -> list[Finding]:
+    return list(accelerometer_findings(log, LogClock(log)))
+
+
+@pytest.mark.parametrize(
+    ("until_s", "first_fix_s", "until_ns"),
+    [(END_S + 1.0, 0.0, 89_990_000_000), (63.0, 0.0, 63 * S), (END_S + 1.0, 8.0, 89_990_000_000)],
+)
+def test_a_bias_is_told_with_its_axis_and_time(until_s: float, first_fix_s: float, until_ns: int) -> None:
+    (found,) = findings_of(log_of((0.1, -0.9, 0.0), until_s, first_fix_s))
+    (shown,) = found.evidence
+    assert isinstance(shown, Evidence)
+    assert (found.key, shown.message, shown.field) == ("sensors.accel_bias", "IMU", "AccY")
+    assert shown.at_ns == pytest.approx(ONSET_S * S, abs=S)
+    assert shown.until_ns == pytest.approx(until_ns, abs=S)
+    assert shown.value is not None
+    assert float(shown.value.split()[0]) == pytest.approx(-0.9, abs=0.15)
+    assert f"IMU: the accelerometer is off by {shown.value} on y from 0:4" in found.sentence
+    assert found.sentence.endswith("by the velocity of GPS")
+
+
+def test_without_a_receiver_or_an_attitude_no_bias_is_told() -> None:
+    log = log_of((0.1, -0.9, 0.0))
+    for name in ("GPS", "ATT", "IMU"):
+        assert findings_of(MadeLog(*(table for key, table in log.tables.items() if key != name))) == []
+    assert findings_of(log_of((0.0, 0.0, 0.0))) == []

@@ -129,6 +129,8 @@ def test_bad_arguments_are_refused():
         overlapping(np.array([1.0, np.nan] * 20), 0.1)
     with pytest.raises(ValueError, match="positive"):
         overlapping(np.zeros(40), 0.0)
+    with pytest.raises(ValueError, match="positive"):
+        overlapping(np.zeros(40), -0.1)
 
 
 def curve_of(tau_s, deviation, error=1e-3):

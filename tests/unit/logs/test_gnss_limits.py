@@ -95,6 +95,7 @@ def test_the_accuracy_and_the_age_of_fixes_are_in_the_table() -> None:
     [
         (slice(100, 104), None),  # a second
         (slice(100, 105), "GPS said nothing once (it comes every 200 ms): at 0:19.8 for 1.2 s"),
+        (slice(6, 20), "GPS said nothing once (it comes every 200 ms): at 0:01.0 for 3.0 s"),
         (slice(190, 200), "GPS said nothing once (it comes every 200 ms): at 0:37.8 for 2.2 s, to the end of the log"),
     ],
 )
@@ -103,6 +104,21 @@ def test_silence_of_more_than_a_second(silent: slice, sentence: str | None) -> N
     keep[silent] = False
     found = report(gps(keep=keep)).findings
     assert [one.sentence for one in found] == ([] if sentence is None else [sentence])
+
+
+@pytest.mark.parametrize(("pause_s", "told"), [(5.9, True), (6.3, False), (12.0, False)])
+def test_silence_is_that_of_the_whole_log_if_half_of_it_is(pause_s: float, told: bool) -> None:
+    """The receiver is silent for 12.2 s, and all other messages in their middle for some of them."""
+    keep = np.ones(ROWS, dtype=bool)
+    keep[100:160] = False
+    tables = [
+        MadeTable(table.name, table.stamp_ns[there], {name: table.values(name)[there] for name in table.columns})
+        for table in others()
+        for there in [np.abs(table.stamp_ns - 25_900_000_000) > 0.5 * pause_s * S]
+    ]
+    section = analyse(MadeLog(gps(keep=keep), *tables))
+    assert section is not None
+    assert [one.key for one in section.findings] == ["gnss.silent"] * told
 
 
 def test_fixes_that_were_lost_are_a_warning_only_while_armed() -> None:
@@ -202,17 +218,19 @@ def test_a_position_that_repeats_while_it_moves(many: int, speed_mps: float, tol
         assert one.evidence == (Evidence("GPS", "Lat", 20 * S, 25_800_000_000),)
 
 
+@pytest.mark.parametrize("usual_m", [1.0, 4.0])
 @pytest.mark.parametrize(
-    ("apart_m", "severity"), [(5.0, None), (6.1, Severity.NOTICE), (15.9, Severity.NOTICE), (16.1, Severity.WARNING)]
+    ("further_m", "severity"), [(4.9, None), (5.1, Severity.NOTICE), (14.9, Severity.NOTICE), (15.1, Severity.WARNING)]
 )
-def test_receivers_that_come_apart(apart_m: float, severity: Severity | None) -> None:
-    """Usually one metre apart, and this far for some time."""
-    north = 2.0 * AT_S + np.where((AT_S >= 20.0) & (AT_S < 30.0), apart_m, 1.0)
+def test_receivers_that_come_apart(usual_m: float, further_m: float, severity: Severity | None) -> None:
+    """Further apart than usual for some time."""
+    apart_m = usual_m + further_m
+    north = 2.0 * AT_S + np.where((AT_S >= 20.0) & (AT_S < 30.0), apart_m, usual_m)
     section = report(gps(), gps(north, name="GPS2", Spd=np.nan))
     found = [one for one in section.findings if one.key == "gnss.receivers_apart"]
     assert [one.severity for one in found] == ([] if severity is None else [severity])
     for one in found:
-        assert one.sentence.startswith(f"GPS and GPS2 are 1.0 m apart as a rule and {apart_m:.1f} m at 0:2")
+        assert one.sentence.startswith(f"GPS and GPS2 are {usual_m:.1f} m apart as a rule and {apart_m:.1f} m at 0:2")
     far = report(gps(), gps(2.0 * AT_S + 50.0, name="GPS2"))  # antennas may be far from each other
     assert not [one for one in far.findings if one.key == "gnss.receivers_apart"]
 

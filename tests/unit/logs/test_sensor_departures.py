@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_log import MadeTable
+from scipy.spatial.transform import Rotation
 
 from xitl_cli.logs.signals.sensors import InertialUnit, SampleTimes, SensorKind, SensorSeries
 from xitl_cli.logs.signals.series import Series
@@ -146,9 +147,58 @@ def test_a_short_log_of_a_roll_that_wanders_is_judged_to_its_end(seed: int) -> N
         assert np.isfinite(step.size).all()
 
 
-def test_interference_of_the_compass_is_no_bias_of_the_gyroscope() -> None:
-    off = compass((30.0, 66.5, 0.0), 60.0, 80.0)
+def wave(time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch (deg) of a vessel that also turns."""
+    return 15.0 * np.sin(0.4 * time_s + 1.0), 12.0 * np.sin(0.3 * time_s) + 8.0
+
+
+def attitude(time_s: np.ndarray) -> Rotation:
+    roll_deg, pitch_deg = wave(time_s)
+    return Rotation.from_euler(
+        "ZYX", np.stack([np.degrees(yaw_rad(time_s)), pitch_deg, roll_deg], axis=1), degrees=True
+    )
+
+
+@pytest.mark.parametrize("bias_degps", [(0.0, 0.0, 0.0), (0.0, 0.0, 2.5), (-2.5, 0.0, 0.0), (0.0, 2.5, 0.0)])
+def test_a_bias_of_the_gyroscope_in_waves_is_on_its_axis(bias_degps: tuple[float, float, float]) -> None:
+    """Against the rates of scipy: a vessel that rolls, pitches and turns has no bias by its motion alone."""
+    time_s = np.arange(0.0, END_S, 0.02)
+    turns = attitude(np.append(-0.02, time_s))
+    rates = (turns[:-1].inv() * turns[1:]).as_rotvec() / 0.02
+    biased = rates + np.radians(bias_degps) * (time_s >= 60.0)[:, None]
+    seen_s = np.arange(0.0, END_S, 0.1)
+    field = series("magnetometer", "mGauss", seen_s, attitude(seen_s).inv().apply(FIELD_MGAUSS))
+    roll_deg, pitch_deg = (replace(level(), values=angle_deg) for angle_deg in wave(level().stamp_ns / S))
+    found = gyro_steps(replace(unit(), gyro_radps=biased), roll_deg, pitch_deg, field)
+    if not any(bias_degps):
+        assert found == []
+        return
+    (step,) = found
+    assert step.from_ns / S == pytest.approx(60.0, abs=1.0)
+    # The angles of Euler also turn, by the tangents of roll and pitch.
+    assert np.degrees(step.size) == pytest.approx(np.array(bias_degps), abs=0.5)
+
+
+@pytest.mark.parametrize("until_s", [80.0, END_S + 1.0])
+def test_interference_of_the_compass_is_no_bias_of_the_gyroscope(until_s: float) -> None:
+    off = compass((30.0, 66.5, 0.0), 60.0, until_s)
     assert gyro_steps(unit(), level(), level(), off, field_steps(rotations(unit()), off)) == []
+
+
+def test_a_compass_that_is_off_in_circles_is_no_bias_of_the_gyroscope() -> None:
+    """An error that far exceeds the level field hides the turns: the heading hardly changes any more."""
+    rates = np.zeros((len(unit().stamp_ns), 3))
+    rates[:, 2] = 0.15
+    circling, time_s = replace(unit(), gyro_radps=rates), np.arange(0.0, END_S, 0.1)
+    north, _, down = FIELD_MGAUSS
+    psi = 0.15 * time_s
+    body = np.stack([north * np.cos(psi), -north * np.sin(psi), np.full(len(psi), down)], axis=1)
+    body[time_s >= 60.0] += (1500.0, 0.0, 0.0)
+    off = series("magnetometer", "mGauss", time_s, body)
+    (step,) = field_steps(rotations(circling), off)
+    assert step.until_ns is None
+    assert gyro_steps(circling, level(), level(), off, [step]) == []
+    assert gyro_steps(circling, level(), level(), off)  # without the step, it is taken for one
 
 
 def with_error(error: np.ndarray) -> SensorSeries:

@@ -108,6 +108,23 @@ def test_missing_samples_by_their_share(lost: int, expected) -> None:
         assert (shown.at_ns, shown.until_ns) == (80 * MS, 120 * MS + (lost - 1) * 100 * MS)
 
 
+def test_evidence_of_missing_samples_are_spells_of_gaps_up_to_two_seconds_apart() -> None:
+    every = [(10.0, 0.2), (12.1, 0.2), (30.0, 0.2), (40.0, 0.4), (42.38, 0.2), (44.7, 0.2)]
+    (found,) = timing(sensor(without=[(begin_s, begin_s + length_s) for begin_s, length_s in every]))
+    spans = [(one.at_ns, one.until_ns) for one in found.evidence]
+    # A gap begins at the sample before it.
+    assert spans == [
+        (round(begin_s * S), round(end_s * S))
+        for begin_s, end_s in ((9.98, 12.3), (29.98, 30.2), (39.98, 42.58), (44.68, 44.9))
+    ]
+
+
+def test_the_eight_longest_spells_of_gaps_are_evidence_in_order_of_time() -> None:
+    lengths_s = [0.1, 0.3, 0.2, 0.2, 0.06, 0.2, 0.2, 0.2, 0.2, 0.4]
+    (found,) = timing(sensor(without=[(5.0 * at, 5.0 * at + length_s) for at, length_s in enumerate(lengths_s, 1)]))
+    assert [one.at_ns for one in found.evidence] == [5 * at * S - 20 * MS for at in (2, 3, 4, 6, 7, 8, 9, 10)]
+
+
 def test_few_missing_samples_of_a_short_log_are_not_told() -> None:
     def cut(lost: int) -> tuple[Finding, ...]:
         at_ns = np.delete(ALL_NS[:100], np.arange(5, 5 + 2 * lost, 2))

@@ -214,6 +214,12 @@ def test_a_mean_that_moves_ends_the_rest(name: str, size: float, calm: bool) -> 
     assert spans_s(rest) == ([(-10.0, 10.0)] if calm else [(-10.0, 5.0)])
 
 
+def test_rest_does_not_depend_on_the_forces_of_the_rest_of_the_log() -> None:
+    """Ten seconds of 20 m/s^2 more, and of a turn: the mean of the log is far from that of the rest."""
+    moved = {"AccX": (9.975, 20.0, alternating(20.0)), "AccZ": (9.975, 20.0, 20.0), "GyrZ": (9.975, 20.0, 5.0)}
+    assert spans_s(rest_of(resting(**moved))) == [(-10.0, 0.0)]
+
+
 @pytest.mark.parametrize(("speed_mps", "calm"), [(0.1, True), (0.11, False)])
 def test_a_vessel_that_moves_evenly_is_not_at_rest(speed_mps: float, calm: bool) -> None:
     stamps = SECOND * np.arange(21)

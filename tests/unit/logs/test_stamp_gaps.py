@@ -103,6 +103,37 @@ def test_even_rows_with_losses_are_told_from_uneven_rows(stamps_ms, in_bursts, p
     assert found.period_s == pytest.approx(period_ms * 1e-3, rel=1e-3)
 
 
+def unsteady(*steps: tuple[int, int]) -> np.ndarray:
+    """Rows of 20 ms; in their middle, so many steps of so many ms."""
+    middle = [ms for number, ms in steps for _ in range(number)]
+    return np.cumsum([0, *[20] * 500, *middle, *[20] * 500]) * MS
+
+
+@pytest.mark.parametrize(
+    ("stamps", "gaps", "missing"),
+    [
+        (unsteady((1, 1020)), 1, 50),
+        (unsteady((1, 1020), (63, 4)), 0, 0),  # late by 50 periods, and each row makes up for 0.8 of one
+        (unsteady((1, 1020), (25, 4)), 1, 30),
+        (unsteady((31, 4), (1, 516)), 0, 0),  # early by 24.8 periods, then as late
+        (unsteady((25, 4), (1, 820)), 1, 20),
+        (unsteady((1, 1020), (15, 20), (63, 4)), 0, 0),
+        (unsteady((1, 1020), (40, 20), (50, 4)), 1, 17),  # seen are 82 rows, 42 of them faster
+    ],
+)
+def test_rows_that_come_late_or_early_are_not_missing(stamps, gaps, missing):
+    found = regularity(stamps)
+    assert found is not None
+    assert (found.period_s, found.bursts) == (0.02, False)
+    assert (found.gaps, found.missing) == (gaps, missing)
+
+
+def test_a_given_period_is_not_taken_for_bursts():
+    found = regularity(bursts(20), period_s=0.02)
+    assert found is not None
+    assert (found.bursts, found.rate_hz) == (False, 50.0)
+
+
 @pytest.mark.parametrize("stamps", [[], [1], [1, 2], [5, 5, 5, 5], [9, 8, 7]])
 def test_too_little_to_tell(stamps):
     assert regularity(np.array(stamps, dtype=np.int64)) is None

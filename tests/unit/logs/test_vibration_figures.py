@@ -142,8 +142,11 @@ def test_a_spectrum_against_scipy() -> None:
     assert welch_spectrum([np.full((100, 3), np.nan)], 200.0, 64) is None
 
 
-def batches(*heads: tuple[int, int, int, float], lost: int = -1) -> list[MadeTable]:
-    """N, type, count and rate of each; rows of 32 samples follow their header. lost: this row of ISBD is missing."""
+def batches(*heads: tuple[int, int, int, float], lost: int = -1, samples: np.ndarray | None = None) -> list[MadeTable]:
+    """N, type, count and rate of each; rows of 32 samples follow their header. lost: this row of ISBD is missing.
+
+    samples: of x, one after another; else they count.
+    """
     head_place, rows = [], []
     place = 0
     for number, _, count, _ in heads:
@@ -161,7 +164,7 @@ def batches(*heads: tuple[int, int, int, float], lost: int = -1) -> list[MadeTab
     )  # fmt: skip
     rows = [row for at, row in enumerate(rows) if at != lost]
     numbers, seqnos, places = (np.array(each) for each in zip(*rows, strict=True))
-    samples = np.arange(len(rows) * 32).reshape(-1, 32)
+    samples = (np.arange(len(rows) * 32) if samples is None else samples).reshape(-1, 32)
     data = MadeTable(
         "ISBD", S * np.arange(len(rows)), {"N": numbers, "seqno": seqnos, "x": samples, "y": samples + 1,
         "z": samples + 2},
@@ -200,3 +203,82 @@ def test_batches_with_columns_of_texts_are_none() -> None:
     head, data = batches((0, 0, 64, 1000.0))
     texts = {name: data.values(name) for name in data.columns} | {"N": np.array(["0", "0"])}
     assert read_batches(MadeLog(head, MadeTable("ISBD", data.stamp_ns, texts))).whole == ()
+
+
+def sine(hz: float, rate_hz: float, rows: int) -> np.ndarray:
+    return 2.0 * np.sin(2.0 * np.pi * hz / rate_hz * np.arange(rows))
+
+
+def fast_unit(rows: int, step_ns: int = 4_000_000, *, gap_after: int = 0, gap_ns: int = 0) -> MadeTable:
+    """An inertial unit that shakes at 62.5 Hz along Y, in a step other than the usual one after this row."""
+    steps = np.full(rows - 1, step_ns)
+    if gap_after:
+        steps[gap_after - 1] = gap_ns
+    values = {name: np.zeros(rows) for name in ("GyrX", "GyrZ", "AccX", "AccZ")}
+    y = {"GyrY": sine(31.25, 1e9 / step_ns, rows), "AccY": sine(62.5, 1e9 / step_ns, rows)}
+    return MadeTable("IMU", np.append(0, np.cumsum(steps)), values | y)
+
+
+def spectra_of(*tables: MadeTable) -> list[tuple[Any, ...]]:
+    return [row for grid in section_of(*tables).grids if grid.key == "spectra" for row in grid.rows]
+
+
+def test_the_spectrum_of_a_record_shows_its_line_with_its_density() -> None:
+    # A sine with the amplitude 2 has the power 2, in 1.5 bins of the window (Harris 1978), each 250 Hz / 1024 wide.
+    density = round((2.0 / (1.5 * 250.0 / 1024)) ** 0.5, 2)
+    assert spectra_of(fast_unit(2048)) == [
+        ("IMU accel", 250.0, None, 2, 62.5, density, None),
+        ("IMU gyro", 250.0, None, 2, 31.2, density, None),
+    ]
+    titles = {plot.title: plot for plot in section_of(fast_unit(2048)).plots}
+    traces = titles["Spectrum of the accelerometers"].traces
+    assert [trace.name for trace in traces] == ["IMU accel x", "IMU accel y", "IMU accel z"]
+    assert [float(np.max(trace.y)) > 1.0 for trace in traces] == [False, True, False]
+    assert "Spectrum of the gyroscopes" in titles
+
+
+@pytest.mark.parametrize(
+    ("unit", "averaged"),
+    [
+        (fast_unit(1023), None),
+        (fast_unit(1024), 1),
+        (fast_unit(2047), 1),
+        (fast_unit(2048, gap_after=1024, gap_ns=20_400_000), 2),  # a gap of 5.1 periods
+        (fast_unit(2048, gap_after=1000, gap_ns=20_400_000), 1),
+        (fast_unit(2048, gap_after=1000, gap_ns=19_600_000), 2),
+        (fast_unit(2048, gap_after=1000, gap_ns=0), 1),
+        (fast_unit(2048, gap_after=1000, gap_ns=-8_000_000), 1),
+        (fast_unit(1024, 5_555_000), 1),  # 180.02 Hz
+        (fast_unit(1024, 5_556_000), None),  # 179.99 Hz
+    ],
+)
+def test_a_record_gives_a_spectrum_for_each_whole_part_between_gaps(unit: MadeTable, averaged: int | None) -> None:
+    assert [row[3] for row in spectra_of(unit)] == ([] if averaged is None else [averaged] * 2)
+    assert any(lack.startswith("No spectrum") for lack in section_of(unit).lacks) == (averaged is None)
+
+
+@pytest.mark.medium
+def test_a_long_record_gives_400_spectra() -> None:
+    unit = fast_unit(401 * 1024)
+    alone = MadeTable("ACC", unit.stamp_ns, {name: unit.values(name) for name in ("AccX", "AccY", "AccZ")})
+    assert [row[3] for row in spectra_of(alone)] == [400]
+
+
+def test_batches_are_preferred_to_records_and_have_at_least_64_samples() -> None:
+    assert [row[:4] for row in spectra_of(fast_unit(1024), *batches((0, 0, 64, 1000.0), (1, 1, 64, 2000.0)))] == [
+        ("batch accel[0]", 1000.0, 1, 1),
+        ("batch gyro[0]", 2000.0, 1, 1),
+    ]
+    assert spectra_of(fast_unit(100), *batches((0, 0, 63, 1000.0))) == []
+
+
+def test_the_line_at_rest_is_that_of_the_batches_at_rest() -> None:
+    stamps = np.arange(80) * S // 10
+    moving = np.where(stamps < 4 * S, 0.0, np.resize([1.0, -1.0], 80))
+    columns = dict.fromkeys(("GyrX", "GyrY", "GyrZ", "AccX", "AccY"), moving) | {"AccZ": np.full(80, -9.8)}
+    # Batches at each second, the first four at rest
+    samples = np.concatenate([sine(125.0 if at < 4 else 250.0, 1000.0, 64) * (5 if at < 4 else 50) for at in range(8)])
+    heads = [(number, 0, 64, 1000.0) for number in range(8)]
+    (row,) = spectra_of(MadeTable("IMU", stamps, columns), *batches(*heads, samples=np.rint(100.0 * samples)))
+    assert row[:4] == ("batch accel[0]", 1000.0, 8, 8)
+    assert (row[4], row[6]) == (250.0, 125.0)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from io import BytesIO
 
 import numpy as np
 import pytest
 
-from xitl_cli.record.image_colours import coloured_depth, coloured_temperature
+from xitl_cli.record.image_colours import coloured_depth, coloured_temperature, picture_of_file
 
 BLACK, MIDDLE, BRIGHTEST = [0, 0, 4], [184, 59, 80], [252, 255, 164]
 
@@ -38,3 +39,23 @@ def test_a_picture_of_even_temperature_shows_no_noise() -> None:
     picture = coloured_temperature(temperatures).astype(int)
     assert np.ptp(picture, axis=(0, 1)).max() <= 3
     assert picture[0, 0].tolist() == pytest.approx(np.array(MIDDLE), abs=3)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "L", "P", "I;16"])
+def test_the_picture_of_a_file_has_its_colours_or_those_of_its_temperatures(mode: str) -> None:
+    """A PNG of 16 bits has temperatures, here of a ramp of 10 K. The others are grey."""
+    image = pytest.importorskip("PIL.Image")
+    ramp = np.linspace(0, 1, 64).reshape(8, 8)
+    grey = np.rint(255 * ramp).astype(np.uint8)
+    if mode == "I;16":
+        temperatures = np.rint(29_000 + 1000 * ramp).astype(np.uint16)
+        made, expected = image.fromarray(temperatures), coloured_temperature(temperatures)
+    else:
+        made, expected = image.fromarray(grey).convert(mode), np.stack([grey] * 3, axis=-1)
+    data = BytesIO()
+    made.save(data, "png")
+    picture = picture_of_file(data.getvalue())
+    assert (picture.shape, picture.dtype) == ((8, 8, 3), np.uint8)
+    np.testing.assert_array_equal(picture, expected)
+    with pytest.raises(OSError, match="cannot identify"):
+        picture_of_file(b"no image")

@@ -58,6 +58,9 @@ def test_clouds_are_forward_left_up_with_their_fields(tmp_path: Path) -> None:
         assert names == ["x", "y", "z", "t", "intensity"]
         assert table.values("frame_id")[0] == "base_link"
         assert log.tables["/companion/map"].values("frame_id")[0] == "odom"
+        for axis, turn in zip("xyzw", (0.0, 0.0, 0.0, 1.0), strict=True):  # the points are in the axes of the frame
+            assert table.values(f"pose.orientation.{axis}")[0] == turn
+            assert axis == "w" or table.values(f"pose.position.{axis}")[0] == 0.0
         first = np.frombuffer(table.values("data")[0][:12], dtype="<f4")
         assert first.tolist() == [1.0, -2.0, -3.0]
         (cloud,) = recorded.clouds(log)
@@ -103,6 +106,8 @@ def test_a_pose_is_turned_into_the_axes_that_are_drawn_and_back(tmp_path: Path) 
     assert (place.x, place.y, place.z) == pytest.approx((1.0, -2.0, -3.0))
     assert (turn.w, turn.z) == pytest.approx((np.cos(0.15), -np.sin(0.15)))  # clockwise is negative about up
     assert (speed.x, speed.y, speed.z) == pytest.approx((1.0, -0.5, -0.25))
+    rate = message.twist.twist.angular
+    assert (rate.x, rate.y, rate.z) == (0.0, 0.0, 0.0)
     for covariance in (message.pose.covariance, message.twist.covariance):
         assert np.diag(np.reshape(covariance, (6, 6))).tolist() == [1e6] * 6  # the odometry states none
     with open_log(tmp_path / "run.mcap") as log:
@@ -156,6 +161,10 @@ def test_radar_sectors_and_plots_are_read_back(tmp_path: Path) -> None:
     assert (stamp_ns, sector.turn, sector.number, sector.spokes, sector.bins) == (8, 3, 12, 5, 64)
     assert sector.angle_start_rad == pytest.approx(0.0, abs=1e-12)  # half a turn on from astern
     assert sector.angle_increment_rad == pytest.approx(np.radians(3.0))
+    assert (sector.time_increment_s, sector.scan_time_s) == pytest.approx((radar.spoke_s, 60.0 / radar.spec.rpm))
+    bin_m = radar.spec.range_m / 64  # the middles of the first and of the last
+    assert (sector.range_min_m, sector.range_max_m) == pytest.approx((0.5 * bin_m, 63.5 * bin_m))
+    assert sector.heading_rad == 0.5
     assert np.frombuffer(bytes(sector.intensity), np.uint8).reshape(5, 64).tolist() == image.tolist()
     ((stamp_ns, found),) = topics["/marine_radar/plots"]
     assert stamp_ns == 9

@@ -82,20 +82,25 @@ class _Raw:
 
 
 @pytest.mark.parametrize(
-    ("deviation_ned_m", "position_m2"), [(None, [1e6, 1e6, 1e6]), (np.array([0.5, 0.25, 2.0]), [0.0625, 0.25, 4.0])]
+    ("deviations", "variances"),
+    [
+        ((None, None), [1e6, 1e6, 1e6, 1e6]),
+        ((np.array([0.5, 0.25, 2.0]), None), [0.0625, 0.25, 4.0, 1e6]),
+        ((np.array([0.5, 0.25, 2.0]), 0.5), [0.0625, 0.25, 4.0, 0.25]),
+    ],
 )
 def test_an_estimate_has_a_large_variance_of_what_the_autopilot_does_not_state(
-    tmp_path: Path, deviation_ned_m: np.ndarray | None, position_m2: list[float]
+    tmp_path: Path, deviations: tuple[np.ndarray | None, float | None], variances: list[float]
 ) -> None:
     recorder = Recorder(tmp_path / "run.mcap", "lz4")
     level = motion().quat_ned_frd[0]
-    recorder.estimate(1, MotionEstimate(np.zeros(3), np.zeros(3), level, np.zeros(3), deviation_ned_m))
+    recorder.estimate(1, MotionEstimate(np.zeros(3), np.zeros(3), level, np.zeros(3), *deviations))
     recorder.truth(1, motion(), np.array([[0.0, 0.0]]))
     recorder.close()
     topics = read_all(tmp_path / "run.mcap")
     estimate, truth = topics["/estimate/odometry"][0][1], topics["/truth/odometry"][0][1]
     pose, twist = (np.reshape(each.covariance, (6, 6)) for each in (estimate.pose, estimate.twist))
-    assert np.diag(pose).tolist() == [*position_m2, 1e6, 1e6, 1e6]
+    assert np.diag(pose).tolist() == [*variances[:3], 1e6, 1e6, variances[3]]
     assert np.diag(twist).tolist() == [1e6] * 6
     assert np.count_nonzero(pose) == np.count_nonzero(twist) == 6
     assert not np.any(truth.pose.covariance)

@@ -167,6 +167,21 @@ def test_changes_of_a_scene_are_those_that_were_encoded() -> None:
         list(scene_changes(boom.encode()[:-1]))
 
 
+@pytest.mark.parametrize("length", [100, 200, 20_000, 3_000_000])
+def test_long_entities_and_fields_of_other_versions_are_passed_over(length: int) -> None:
+    """A length takes up to four bytes. Field 15 is a number of two bytes, of eight and of four fixed ones."""
+    boom = messages.SceneEntity(frame_id="map", id="boom", texts=[messages.TextPrimitive(text="x" * length)])
+    update = messages.SceneUpdate(entities=[boom]).encode()
+    unknown = b"\x78\xac\x02", b"\x79" + b"\x12" * 8, b"\x7d" + b"\x12" * 4
+    changes = list(scene_changes(b"".join(field + update for field in unknown)))
+    assert changes == [SceneChange(("map", "boom"), update)] * 3
+    for field in unknown:
+        with pytest.raises(ValueError, match="beyond its message"):
+            list(scene_changes(update + field[:-1]))
+    with pytest.raises(ValueError, match="unknown wire type 3"):
+        list(scene_changes(update + b"\x7b"))
+
+
 def test_the_set_is_one_log_equal_to_the_unsplit_recording(tmp_path: Path) -> None:
     write(tmp_path / "whole.mcap", None)
     write(tmp_path / "run.mcap", BY_TIME)
@@ -275,3 +290,29 @@ def test_a_next_file_that_exists_is_refused_and_stays(tmp_path: Path) -> None:
     assert [one.data for one in on_topic(tmp_path / "run.mcap", "/x")] == [b"1"]
     assert [part.file for part in file.files] == ["run.mcap"]
     assert issubclass(RecordingError, UserError)
+
+
+@pytest.mark.parametrize(
+    ("limits", "stamps_s", "bytes_each", "begins_s"),
+    [
+        (SplitLimits(time_ns=2 * SECOND_NS), (0.0, 1.5, 3.0, 4.5, 6.0, 7.5), 10, (0.0, 3.0, 4.5, 6.0)),
+        (SplitLimits(time_ns=2 * SECOND_NS), (0.0, 1.9, 9.0, 9.9, 10.0), 10, (0.0, 9.0, 10.0)),
+        (SplitLimits(message_bytes=3 * (MESSAGE_BYTES + 10)), range(7), 10, (0.0, 3.0, 6.0)),
+        (SplitLimits(message_bytes=100), range(3), 1000, (0.0, 1.0, 2.0)),  # one message is larger than the limit
+        (
+            SplitLimits(message_bytes=3 * (MESSAGE_BYTES + 10), time_ns=4 * SECOND_NS),
+            (0.0, 0.5, 1.0, 3.0, 4.0, 6.9, 7.0, 8.0),
+            10,
+            (0.0, 3.0, 7.0),  # four seconds from the file of 3 s on
+        ),
+    ],
+)
+def test_a_next_file_begins_at_whole_periods_and_when_a_file_is_full(
+    tmp_path: Path, limits: SplitLimits, stamps_s: Any, bytes_each: int, begins_s: tuple[float, ...]
+) -> None:
+    file = McapFile(tmp_path / "run.mcap", "none", split=limits)
+    write_payload = file.ros_channel("/data", "pkg/msg/Data", "uint8[] data\n")
+    for stamp_s in stamps_s:
+        write_payload(bytes(bytes_each), round(stamp_s * SECOND_NS))
+    file.close()
+    assert [one.from_ns * 1e-9 for one in file.files] == pytest.approx(begins_s)

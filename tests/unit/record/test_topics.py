@@ -76,3 +76,16 @@ def test_a_vessels_name_stands_before_what_is_its_own(tmp_path: Path) -> None:
     with (tmp_path / "run.mcap").open("rb") as file:
         found = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
     assert found == ["/alpha/truth/fix", "/alpha/faults", "/alpha/link/agent/tx", "/log"]
+
+
+def test_a_recording_without_messages_has_the_topics_of_every_run(tmp_path: Path) -> None:
+    """Battery, waves, pace, perception, bodies, contacts and other vessels add theirs with their first message."""
+    Recorder(tmp_path / "run.mcap", "none", links=("agent",)).close()
+    with (tmp_path / "run.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert sorted(channel.topic for channel in summary.channels.values()) == [
+        "/actuators", "/actuators/age", "/autopilot/events", "/bridge", "/clocks", "/environment",
+        "/estimate/odometry", "/faults", "/link/agent/rx", "/link/agent/tx", "/links", "/log", "/misses", "/nodes",
+        "/scene", "/takeovers", "/tasks", "/tf", "/truth/fix", "/truth/odometry", "/truth/pose", "/truth/state",
+    ]  # fmt: skip

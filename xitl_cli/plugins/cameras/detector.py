@@ -341,7 +341,7 @@ def _without_mirror(strength: NDArray[float32], part: NDArray[np.bool_]) -> int:
 
 def _upward(lab: NDArray[float32], colour: NDArray[float32], x: int, y: int, width: int) -> int:
     """Return the top row of an object that rises from row y with this colour."""
-    inner = slice(x + width // 4, x + max(3 * width // 4, width // 4 + 1))
+    inner = slice(x + width // 4, x + 3 * width // 4)
     top = y
     while top > 0 and y - top < HIGHEST_SHARE * width:
         if np.median(np.linalg.norm(lab[top - 1, inner] - colour, axis=1)) > SIMILAR:

@@ -15,6 +15,7 @@ from xitl_cli.plugins.campaign.exploration import ExplorationFinding
 from xitl_cli.plugins.campaign.plan import CampaignPlan, PlanError, read_plan
 from xitl_cli.plugins.campaign.report import campaign_sections
 from xitl_cli.plugins.campaign.results import LINES, ResultTable
+from xitl_cli.plugins.campaign.search_spec import AxisRange, SearchSpec, SensitivitySpec
 
 WIND, CURRENT = "environment.wind.mean_mps", "environment.current.speed_mps"
 TRACK = "mission.cross_track_max_m"
@@ -129,6 +130,8 @@ def test_several_axes_are_explored(tmp_path: Path) -> None:
     [
         (f"{WIND}: -3, {CURRENT}: 0", f"search.nominal has {WIND} = -3, outside the axis from 4 to 20"),
         (f"{CURRENT}: 0", f"search.nominal has {WIND} = 0 from the base, outside the axis from 4 to 20"),
+        (f"{WIND}: 20.1, {CURRENT}: 0", f"search.nominal has {WIND} = 20.1, outside the axis from 4 to 20"),
+        (f"{WIND}: 4, {CURRENT}: true", "search.nominal"),
     ],
 )
 def test_a_nominal_point_beyond_its_axes_is_refused(tmp_path: Path, nominal: str, said: str) -> None:
@@ -166,3 +169,55 @@ def test_the_largest_number_of_runs_of_a_search(tmp_path: Path) -> None:
     assert planned(tmp_path, BISECTION).most_runs() == 2 * 400
     assert planned(tmp_path, EXPLORATION).most_runs() == 1000
     assert planned(tmp_path, BISECTION.replace("width: 2", "width: 2, most_runs: 30")).most_runs() == 2 * 30
+
+
+@pytest.mark.parametrize(
+    ("axis", "values"),
+    [
+        (AxisRange(WIND, 4.0, 20.0), {0.0: 4.0, 0.25: 8.0, 0.5: 12.0, 1.0: 20.0}),
+        (AxisRange(WIND, -3.0, 1.0), {0.25: -2.0, 0.75: 0.0}),
+        (AxisRange(WIND, 0.5, 32.0, log=True), {0.0: 0.5, 1 / 6: 1.0, 0.5: 4.0, 5 / 6: 16.0, 1.0: 32.0}),
+    ],
+)
+def test_a_share_of_an_axis_has_a_value(axis: AxisRange, values: dict[float, float]) -> None:
+    for share, value in values.items():
+        assert axis.value(share) == pytest.approx(value)
+        assert axis.share(value) == pytest.approx(share)
+    assert (axis.value(-0.1), axis.value(1.1)) == (axis.low, axis.high)
+
+
+def test_values_of_an_axis_are_short_and_its_ends_exact() -> None:
+    assert AxisRange(WIND, 0.0, 1.0).value(1.0 / 3.0) == 0.333333333333
+    assert AxisRange(WIND, 0.0, 2.0 / 3.0).value(1.0) == 2.0 / 3.0
+
+
+@pytest.mark.parametrize(
+    ("key", "least", "largest"),
+    [("runs_per_point", 1, 10_000), ("points", 2, 10_000), ("most_runs", 1, 10**6), ("batch", 1, 10**6)],
+)
+def test_numbers_of_runs_and_points_have_limits(key: str, least: int, largest: int) -> None:
+    for value in (least, largest):
+        assert getattr(SearchSpec(**{key: value}), key) == value  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=f"at least {least}"):
+        SearchSpec(**{key: least - 1})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("key", ["pass_rate", "confidence"])
+def test_a_share_is_between_0_and_1(key: str) -> None:
+    for share in (0.001, 0.999):
+        assert getattr(SearchSpec(**{key: share}), key) == share  # type: ignore[arg-type]
+    for share in (0.0, 1.0):
+        with pytest.raises(ValueError, match="use a value"):
+            SearchSpec(**{key: share})  # type: ignore[arg-type]
+
+
+def test_the_runs_of_a_sensitivity_are_its_samples_by_the_axes() -> None:
+    """Morris 1991: a step along each axis; Saltelli 2010: two samples, and one more for each axis."""
+    assert SensitivitySpec(samples=10).places(3) == 40
+    assert SensitivitySpec(method="sobol", samples=8).places(3) == 40
+    assert SensitivitySpec(method="sobol", samples=2).places(1) == 6
+    for samples, near in ((12, "use 8 or 16"), (3, "use 2 or 4"), (17, "use 16 or 32")):
+        with pytest.raises(ValueError, match=near):
+            SensitivitySpec(method="sobol", samples=samples)
+    with pytest.raises(ValueError, match="at least 2"):
+        SensitivitySpec(samples=1)

@@ -20,6 +20,7 @@ from xitl_cli.plugins.campaign.report import (
     boundary_sentence,
     comparison_section,
     exploration_sentence,
+    figures_section,
     map_section,
     pass_rate,
     rate_text,
@@ -217,7 +218,11 @@ def test_a_boundary_has_a_table_and_pictures_of_each_group() -> None:
 
 # Tables of rows
 def table(
-    rows: list[dict[str, Any]], axes: tuple[str, ...] = (WIND, CURRENT), verdicts: tuple[str, ...] = (), **about: Any
+    rows: list[dict[str, Any]],
+    axes: tuple[str, ...] = (WIND, CURRENT),
+    verdicts: tuple[str, ...] = (),
+    figures: tuple[str, ...] = (TRACK,),
+    **about: Any,
 ) -> Any:
     filled = [
         {"number": n, "status": "completed", "error": None, "seed": n, "command": f"xitl {n}", **row}
@@ -227,7 +232,7 @@ def table(
         rows=filled,
         axes=axes,
         verdicts=verdicts,
-        figures=(TRACK,),
+        figures=figures,
         about={"plan": {}, **about},
         column=lambda name: [row.get(name) for row in filled],
         worst=lambda count: [row for row in filled if not row.get("passed")][:count],
@@ -336,6 +341,20 @@ def test_the_worst_runs_come_first_and_then_the_nearest_to_the_limit(verdict: st
     assert grid.rows[0][1:] == (2.5, "completed", "no", 3, f"{WIND} = 8", "xitl 3")
     assert grid.rows[1][1:4] == ("", "failed: no room", "")
     assert grid.rows[2][3] == "yes"
+
+
+@pytest.mark.parametrize("places", [1, 12, 13])
+def test_up_to_twelve_combinations_of_axes_are_listed_separately(places: int) -> None:
+    rows = [{TRACK: float(at + step), "duration_s": 60.0, WIND: at} for at in range(places) for step in range(3)]
+    grids = figures_section(table(rows, axes=(WIND,), figures=(TRACK, "duration_s"))).grids
+    if places == 12:
+        assert [grid.key for grid in grids] == [f"figures.{TRACK}", "figures.duration_s"]
+        assert [row[0] for row in grids[0].rows] == [f"wind.mean_mps = {at}" for at in range(12)]
+        assert [row[1:] for row in grids[0].rows[:2]] == [(3, 1, 1.9, 2, 3), (3, 2, 2.9, 3, 6)]
+    else:
+        assert [grid.key for grid in grids] == ["figures"]
+        assert [row[:2] for row in grids[0].rows] == [(TRACK, 3 * places), ("duration_s", 3 * places)]
+        assert grids[0].rows[0][4:] == (places + 1, 3 * places)
 
 
 # Comparison of two sides

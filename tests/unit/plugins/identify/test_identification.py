@@ -20,13 +20,18 @@ from sim_core.environment.spec import Water
 from xitl_cli.errors import UserError
 from xitl_cli.main import main
 from xitl_cli.plugins.identify import identification
+from xitl_cli.plugins.identify.free_keys import FreeKey
 from xitl_cli.plugins.identify.identification import (
     Identification,
     KeyEstimate,
     Settings,
+    _check_follows,
+    _correlated,
+    _estimate,
     identify,
     plane_figures,
     reached_speeds,
+    split,
 )
 from xitl_cli.plugins.identify.identification_page import findings, sections, vehicle_text
 from xitl_cli.plugins.identify.prediction import MODELS, LinearModel, Score
@@ -348,3 +353,114 @@ def test_what_the_command_refuses(
 def test_too_few_windows() -> None:
     with pytest.raises(UserError, match=r"have 2 windows of 10 s to fit; record 60 s"):
         identify([pool_run(boat(), 36.0)], boat(), Water(), Settings(free=(YAW,), wind=False))
+
+
+def straight(source: str, length_s: float = 100.0) -> Recording:
+    time_s = np.arange(0.0, length_s + 0.1, 0.1)
+    channels: Any = dict.fromkeys(("north", "east", "yaw"), Samples(time_s, 0.0 * time_s))
+    return Recording(source, channels, np.array([0.0, length_s]), np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize(
+    ("names", "named", "trained", "tested"),
+    [
+        ("abc", "b", "ac", "b"),
+        ("abc", "ca", "b", "ac"),
+        ("ab", "a", "b", "a"),
+        ("abc", "", "ab", "c"),
+        ("abcdefg", "", "abdeg", "cf"),
+    ],
+)
+def test_named_logs_are_tested_or_every_third(names: str, named: str, trained: str, tested: str) -> None:
+    fitted, predicted = split([straight(name) for name in names], list(named))
+    assert "".join(own.source for own in fitted) == trained
+    assert "".join(own.source for own in predicted) == tested
+
+
+@pytest.mark.parametrize("names", ["a", "ab"])
+def test_of_one_or_two_logs_the_last_30_percent_are_tested(names: str) -> None:
+    for part, begin_s, end_s in zip(
+        split([straight(name) for name in names], ()), (0.0, 70.0), (70.0, 100.0), strict=True
+    ):
+        assert [own.source for own in part] == list(names)
+        for own in part:
+            time_s = own.channels["yaw"].time_s
+            assert (time_s[0], time_s[-1]) == pytest.approx((begin_s, end_s), abs=0.11)
+
+
+def test_logs_to_test_that_cannot_be() -> None:
+    with pytest.raises(UserError, match="--test c is none of the logs"):
+        split([straight("a"), straight("b")], ["c"])
+    with pytest.raises(UserError, match="--test names all logs"):
+        split([straight("a"), straight("b")], ["b", "a"])
+
+
+@pytest.mark.parametrize(
+    ("surge", "rate", "horizon_s", "refused"),
+    [
+        (0.16, 0.032, 5.0, True),
+        (0.16, 0.028, 5.0, False),  # the other is well predicted
+        (0.14, 0.032, 5.0, False),
+        (0.16, 0.032, 10.0, False),
+    ],
+)
+def test_a_model_half_as_bad_again_as_a_linear_one_cannot_follow(
+    surge: float, rate: float, horizon_s: float, refused: bool
+) -> None:
+    found = (
+        score("identified", surge, 0.0, rate, horizon_s=horizon_s),
+        score("linear", 0.1, 0.1, 0.02, horizon_s=horizon_s),
+    )
+    if not refused:
+        _check_follows(found)
+        return
+    with pytest.raises(
+        UserError, match=r"0.16 m/s in surge and 0.03 rad/s in yaw rate, those of a linear model 0.10 and"
+    ):
+        _check_follows(found)
+
+
+@pytest.mark.parametrize(
+    ("x", "sigma", "determined"),
+    [
+        (0.0, 0.29, True),
+        (0.0, 0.31, False),
+        (1.24, 0.01, True),  # 2.5 prior deviations of 0.5
+        (1.26, 0.01, False),
+        (-1.26, 0.01, False),
+    ],
+)
+def test_a_key_is_determined_by_a_small_error_near_the_start(x: float, sigma: float, determined: bool) -> None:
+    found = _estimate(FreeKey(YAW, (), 2.0), x, sigma, 0.5)
+    assert (found.value, found.sigma) == pytest.approx((2.0 * math.exp(x), 2.0 * math.exp(x) * sigma))
+    assert (found.advice == "") is determined
+    if not determined:
+        assert found.advice.startswith("turn on the spot")
+
+
+@pytest.mark.parametrize(
+    ("key", "advice"),
+    [
+        ("actuation.reverse_share", "hold half throttle astern"),
+        ("actuation.spin_up_s", "change the throttle in steps"),
+        ("damping_linear.sway", "turn hard while coasting"),
+        ("inertia_kgm2.2", "turn on the spot"),
+        ("damping_linear.surge", "accelerate in steps"),
+        ("rudders.0.lift", "sail zig-zags"),
+        (HEAVE, "vary what this key acts on more"),
+    ],
+)
+def test_a_manoeuvre_is_proposed_for_a_key_that_is_not_determined(key: str, advice: str) -> None:
+    assert _estimate(FreeKey(key, (), 1.0), 0.0, 1.0, 0.5).advice.startswith(advice)
+
+
+def test_keys_are_correlated_above_nine_tenths() -> None:
+    sigma, correlation = (
+        np.array([0.1, 2.0, 30.0]),
+        np.array([[1.0, 0.89, -0.91], [0.89, 1.0, 0.95], [-0.91, 0.95, 1.0]]),
+    )
+    covariance = correlation * np.outer(sigma, sigma)
+    fitted: Any = SimpleNamespace(
+        keys=[SimpleNamespace(key=key) for key in "abc"], sandwich=SimpleNamespace(covariance=lambda: covariance)
+    )
+    assert _correlated(fitted) == [("a", "c", pytest.approx(-0.91)), ("b", "c", pytest.approx(0.95))]

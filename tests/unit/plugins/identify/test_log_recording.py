@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.recorded import CALM, MISSION_TLOG
+from tests.unit.logs.made_log import MadeLog, MadeTable
 from xitl_cli.errors import UserError
 from xitl_cli.logs import open_log
 from xitl_cli.plugins.identify import log_recording
@@ -17,6 +19,7 @@ from xitl_cli.plugins.identify.log_recording import read_log
 from xitl_cli.plugins.identify.recording import Floats, Recording, check_recording
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.agents import ReplaySpec
+from xitl_cli.replay.pulse_log import PulseLog
 
 
 @cache
@@ -149,3 +152,60 @@ def test_a_part_of_a_log_ends_with_the_command_that_is_held_there() -> None:
     held = np.searchsorted(whole.command_s, run.command_s + 1e-6, side="right") - 1
     assert run.commands[:-1] == pytest.approx(whole.commands[held[:-1]])
     assert run.commands[-1].tolist() == run.commands[-2].tolist() != run.commands[-3].tolist()
+
+
+S = 1_000_000_000
+NORTHWARD = {"pose.pose.orientation.w": 0.5**0.5, "pose.pose.orientation.z": 0.5**0.5}
+"""Of a pose in ENU."""
+
+
+def odometry(name: str, twist: str, ahead_mps: float, port_mps: float) -> MadeTable:
+    """Positions (ENU) at 5 Hz, with a heading of north."""
+    at_s = np.arange(10) / 5.0
+    fields = {f"pose.pose.orientation.{axis}": 0.0 for axis in "xy"} | NORTHWARD
+    fields |= {f"pose.pose.position.{axis}": number * at_s for number, axis in enumerate("xyz", start=1)}
+    fields |= {f"{twist}.x": ahead_mps, f"{twist}.y": port_mps, f"{twist}.z": 0.0}
+    return MadeTable(
+        name, 100 * S + np.arange(10) * S // 5, {key: np.broadcast_to(own, 10) for key, own in fields.items()}
+    )
+
+
+@pytest.mark.parametrize(
+    ("tables", "surge_mps", "sway_mps"),
+    [
+        ([("/boat/odometry", "twist.twist.linear", 1.0, 0.5)], 1.0, -0.5),
+        ([("/boat/odometry", "twist.linear", 1.0, -0.5)], 1.0, 0.5),
+        (
+            [
+                ("/boat/odometry", "twist.twist.linear", 7.0, 7.0),
+                ("/estimate/odometry", "twist.twist.linear", 1.0, 0.5),
+            ],
+            1.0,
+            -0.5,
+        ),
+        (
+            [
+                ("/boat/truth/odometry", "twist.twist.linear", 7.0, 7.0),
+                ("/pose", "twist.twist.angular", 7.0, 7.0),
+            ],
+            None,
+            None,
+        ),
+    ],
+)
+def test_the_velocity_of_an_odometry_is_in_body_axes(
+    tables: list[Any], surge_mps: float | None, sway_mps: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = MadeLog(*(odometry(*table) for table in tables), kind="mcap", base="utc")
+    monkeypatch.setattr(log_recording, "open_log", lambda path: nullcontext(log))
+    pulses = PulseLog("run.mcap", (0.0, 1.0), {1: (1600.0, 1600.0), 3: (1600.0, 1600.0)})
+    monkeypatch.setattr(log_recording, "read_pulse_log", lambda path: pulses)
+    has = read.__wrapped__(Path("run.mcap"), "estimate").channels
+    assert "vel_north" not in has
+    if surge_mps is None:
+        assert "surge" not in has
+        return
+    at_s = np.arange(10) / 5.0
+    for quantity, values in (("surge", surge_mps), ("sway", sway_mps), ("north", 2.0 * at_s), ("yaw", 0.0)):
+        assert has[quantity].time_s == pytest.approx(at_s)
+        assert has[quantity].values == pytest.approx(np.broadcast_to(values, 10))

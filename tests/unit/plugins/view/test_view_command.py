@@ -51,7 +51,7 @@ def view(*words: str | Path) -> tuple[int, str]:
 def test_files_are_written_with_the_options_of_each(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = Drawn(monkeypatch)
     page, picture, film = (tmp_path / name for name in ("a.html", "a.png", "a.gif"))
-    options = ("--from", "4", "--until", "0:09", "--camera", "above", "--of", "boat", "--dark", "--speed", "2.5")
+    options = ("--from", "4", "--until", "0:09", "--camera", "above", "--of", "boat", "--dark", "--speed", "0.5")
     status, output = view(run, "--html", page, "--png", picture, "--gif", film, *options)
     assert status == 0
     assert drawn.calls == [
@@ -60,7 +60,7 @@ def test_files_are_written_with_the_options_of_each(run: Path, tmp_path: Path, m
         (
             "film",
             (4.0, 9.0),
-            {"size": (640, 360), "speed": 2.5, "kind": "gif", "camera": "above", "vessel": "boat", "dark": True},
+            {"size": (640, 360), "speed": 0.5, "kind": "gif", "camera": "above", "vessel": "boat", "dark": True},
         ),
     ]
     assert page.read_text(encoding="utf-8") == "<!doctype html>ö"
@@ -68,7 +68,7 @@ def test_files_are_written_with_the_options_of_each(run: Path, tmp_path: Path, m
     lines = output.splitlines()
     assert f"{page}: 0 kB, 5.0 s; opens in any browser" in lines
     assert f"{picture}: 0 kB, at 6.50 s" in lines
-    assert f"{film}: 0 kB, 5.0 s at 2.5 ×" in lines
+    assert f"{film}: 0 kB, 5.0 s at 0.5 ×" in lines
     assert any(line.startswith("note: ") and "has no scene" in line for line in lines)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gif", "a.html", "a.png"]
 

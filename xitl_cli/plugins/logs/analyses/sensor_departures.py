@@ -447,8 +447,8 @@ def gyro_steps(
     if series is None:
         return []
     # Rotations from one instant to the next, in the axes of roll, pitch and yaw.
-    turned = np.diff(series.interpolated(at_ns), axis=0, prepend=0.0)
-    turned[0] = 0.0
+    ways = series.interpolated(at_ns)
+    turned = np.diff(ways, axis=0, prepend=ways[:1])
     turning = (turned[:, 1] * np.sin(phi) + turned[:, 2] * np.cos(phi)) / np.maximum(np.cos(theta), 0.2)
     turns = (
         turned[:, 0] + turning * np.sin(theta),

@@ -58,7 +58,7 @@ def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps, log: Log) ->
         sort, message, field = each.sort, each.message, each.fields[0]
         values, rate_hz = each.values, None
     # The mean of equal pressures in single precision alternates between two numbers.
-    resolution = float(np.spacing(np.float32(np.nanmax(np.abs(values))))) if sort == "barometer" else 0.0
+    resolution = float(np.spacing(np.float32(np.nanmedian(np.abs(values))))) if sort == "barometer" else 0.0
     return JudgedSensor(
         name=each.name,
         sort=sort,

@@ -95,22 +95,70 @@ def test_top_speed_is_where_thrust_and_drag_meet(model: VesselSpec, checked: Ves
     linear = model.damping_linear.surge
     quadratic = model.damping_quadratic.surge + 0.5 * 1.2 * wind.surge_coefficient * wind.frontal_area_m2
 
-    def left(speed: float) -> float:
-        """Thrust less drag; the thrust by momentum theory, t^3 + x t = 1 with x the speed over that induced at rest."""
-        total = -linear * speed - quadratic * speed**2
-        for propeller in model.propellers:
-            assert propeller.max_thrust_n is not None
-            assert propeller.diameter_m is not None
-            disc = math.pi * propeller.diameter_m**2 / 4
-            over = speed / math.sqrt(propeller.max_thrust_n / (2 * 1.2 * disc))
-            total += propeller.max_thrust_n * brentq(lambda t, x=over: t**3 + x * t - 1, 0.0, 1.0)
-        return total
+    def level(thrust: Callable[[Any], float]) -> float:
+        """Return the speed at which thrust and drag are equal.
 
-    level = brentq(left, 0.1, 10.0)
-    top = checked.values["top_speed_mps"]
-    assert isinstance(top, float)
+        The thrust follows momentum theory: t^3 + x t = 1 with x the speed over that induced at rest.
+        """
+
+        def left(speed: float) -> float:
+            total = -linear * speed - quadratic * speed**2
+            for propeller in model.propellers:
+                assert propeller.diameter_m is not None
+                disc = math.pi * propeller.diameter_m**2 / 4
+                over = speed / math.sqrt(thrust(propeller) / (2 * 1.2 * disc))
+                total += thrust(propeller) * brentq(lambda t, x=over: t**3 + x * t - 1, 0.0, 1.0)
+            return total
+
+        return float(brentq(left, 0.01, 10.0))
+
+    values: dict[str, Any] = dict(checked.values)
     # The bow goes down under propellers above the deck, which costs a little speed; there is nothing to gain.
-    assert 0.95 * level < top < 1.001 * level
+    for throttle, key in (
+        (0.25, "speed_at_25_percent_mps"),
+        (0.5, "speed_at_50_percent_mps"),
+        (0.75, "speed_at_75_percent_mps"),
+        (1.0, "top_speed_mps"),
+    ):
+        at_level = level(lambda own, share=throttle**2: share * own.max_thrust_n)
+        assert 0.95 * at_level < values[key] < 1.001 * at_level
+    assert values["astern_speed_mps"] == pytest.approx(level(lambda own: own.max_reverse_thrust_n), rel=0.03)
+
+
+def test_figures_of_a_vessel_by_hand(model: VesselSpec, rest: AtRest, checked: VesselCheck) -> None:
+    values: dict[str, Any] = dict(checked.values)
+    assert [finding.rule for finding in checked.findings] == ["thrust.mission", "froude.high"]
+    for name, mode in rest.modes.items():  # see the test of their closed forms
+        assert values[f"{name}_period_s"] == pytest.approx(mode.period_s, rel=1e-3)
+        assert values[f"{name}_damping_ratio"] == pytest.approx(mode.damping_ratio, rel=1e-3)
+    added, linear = model.added_mass, model.damping_linear
+    assert values["displacement_kg"] == model.mass_kg
+    assert values["draft_m"] + values["freeboard_m"] == pytest.approx(model.demi_hulls[0].height_m, rel=1e-3)
+    assert (values["trim_deg"], values["heel_deg"]) == (0.0, 0.0)
+    thrust_n = sum(propeller.max_thrust_n or 0.0 for propeller in model.propellers)
+    assert values["thrust_n"] == pytest.approx(thrust_n)
+    assert values["thrust_to_weight"] == pytest.approx(thrust_n / (model.mass_kg * 9.80665), rel=1e-3)
+    assert values["top_speed_froude"] == pytest.approx(
+        values["top_speed_mps"] / math.sqrt(9.80665 * model.length_m), rel=1e-3
+    )
+    mass_kg, inertia_kgm2 = model.mass_kg + added.surge_kg, model.inertia_kgm2[2] + added.yaw_kgm2
+    assert values["surge_time_constant_s"] == pytest.approx(mass_kg / linear.surge, rel=0.01)
+    assert values["sway_time_constant_s"] == pytest.approx((model.mass_kg + added.sway_kg) / linear.sway, rel=0.01)
+    assert values["yaw_time_constant_s"] == pytest.approx(inertia_kgm2 / linear.yaw, rel=0.01)
+    # m v' = -d v - q v^2 from top speed to a tenth, in closed form; the shafts push on for a quarter of a second.
+    q = model.damping_quadratic.surge + 0.5 * 1.2 * model.wind.surge_coefficient * model.wind.frontal_area_m2
+    top, last = (linear.surge + q * share * values["top_speed_mps"] for share in (1.0, 0.1))
+    assert 1.0 < values["coasting_time_s"] / (mass_kg / linear.surge * math.log(10.0 * last / top)) < 1.05
+    assert 1.0 < values["coasting_distance_m"] / (mass_kg / q * math.log(top / last)) < 1.15
+    # The thrust is above the water, the drag below it.
+    lever_m = -model.propellers[0].position_frd_m[2]
+    righting_nm = model.mass_kg * 9.80665 * values["gm_longitudinal_m"]
+    least_deg, most_deg = (math.degrees(thrust_n * arm / righting_nm) for arm in (lever_m, 2.0 * lever_m))
+    assert least_deg < -values["trim_at_top_speed_deg"] < most_deg
+    assert 0.0 < values["turn_heel_deg"] < 5.0
+    assert values["turn_speed_mps"] < values["top_speed_mps"]
+    assert values["spot_turn_rate_degps"] > values["turn_rate_starboard_degps"]
+    assert values["course_stability"] == values["trim_stability"] == "stable at all speeds"
 
 
 def test_a_symmetric_vessel_turns_alike_to_both_sides(checked: VesselCheck) -> None:
