@@ -55,7 +55,7 @@ class InformationFilter:
         self.covariance = np.diag((0.3, 0.3, 0.16, 0.16))
         self.size_m, self.heading_rad, self.stamp_ns = np.array(first[3:6]), first.heading_rad, first.stamp_ns
 
-    def add(self, seen: Cluster, among_water: bool) -> None:
+    def add(self, seen: Cluster, among_water: bool, fastest_mps: float = 2.5) -> None:
         dt_s = (seen.stamp_ns - self.stamp_ns) * 1e-9
         self.stamp_ns = seen.stamp_ns
         move = np.kron([[1.0, dt_s], [0.0, 1.0]], np.eye(2))
@@ -74,7 +74,7 @@ class InformationFilter:
         look[:2, :2] = weight
         self.covariance = np.linalg.inv(known + look)
         self.mean = self.covariance @ (known @ mean + np.concatenate((weight @ seen.middle_ne_m, STILL)))
-        self.mean[2:] *= min(2.5 / math.hypot(*self.mean[2:]), 1.0)
+        self.mean[2:] *= min(fastest_mps / max(math.hypot(*self.mean[2:]), 1e-9), 1.0)
         if not among_water:
             if seen.length_m > 0.8 * self.size_m[0]:
                 self.heading_rad = seen.heading_rad
@@ -530,3 +530,64 @@ def test_a_vessel_that_was_first_taken_for_structure_leaves_none_on_its_way() ->
     assert len(tracks.confirmed) == 1
     tracks.update(44 * 200 * MS + 25 * S + 1, [], STILL, math.pi, 8.0, STILL)
     assert tracks.confirmed == []
+
+
+def test_both_parts_of_a_known_vessel_are_used() -> None:
+    """From look 30 on, bow and stern are apart: the box keeps its length, and neither is another object."""
+    shape, vel = hull(12.0, 4.0, math.pi / 2), np.array((0.0, 1.5))
+    tracks = ObstacleTracker(vessels=True)
+    for look in range(50):
+        middle, stamp_ns = np.array((40.0, -12.0)) + 0.2 * look * vel, look * 200 * MS
+        parts = [shape] if look < 30 else [shape[shape[:, 1] > 2.0], shape[shape[:, 1] < -2.0]]
+        seen = [merged_cluster([cluster(stamp_ns, middle)._replace(points_ne_m=part + middle)]) for part in parts]
+        tracks.update(stamp_ns, seen, STILL, 0.0, 8.0, STILL)
+    (track,) = tracks.confirmed
+    assert (track.hits, track.length_m) == pytest.approx((50, 12.0), abs=0.03)
+    np.testing.assert_allclose(track.state, (*middle, *vel), atol=0.03)
+
+
+def test_a_log_that_moves_faster_than_its_track_gets_the_velocity_of_its_outline() -> None:
+    """From look 13 on, an error of more than 1 m/s is replaced, with a standard deviation of 0.4 m/s."""
+    tracks, vel, shape = ObstacleTracker(vessels=True), np.array((1.5, 4.0)), hull(3.0, 1.0, 0.3)
+    reference: InformationFilter | None = None
+    replaced = []
+    for look in range(30):
+        stamp_ns = look * 200 * MS
+        at = shape + np.array((30.0, -10.0)) + 0.2 * look * vel
+        seen = merged_cluster([cluster(stamp_ns, at[0])._replace(points_ne_m=at)])
+        tracks.update(stamp_ns, [seen], STILL, 0.0, 8.0, STILL)
+        if reference is None:
+            reference = InformationFilter(seen, STILL)
+        else:
+            reference.add(seen, False, 2.5 if look <= 13 else 15.0)
+            if look >= 13 and math.dist(reference.mean[2:], vel) > 1.0:
+                reference.mean[2:] = vel
+                kept = reference.covariance[:2, :2]
+                reference.covariance = np.block([[kept, np.zeros((2, 2))], [np.zeros((2, 2)), 0.16 * np.eye(2)]])
+                replaced.append(look)
+        for track in tracks.confirmed:
+            np.testing.assert_allclose(track.state, reference.mean, atol=1e-6)
+            np.testing.assert_allclose(track.covariance, reference.covariance, atol=1e-6)
+    assert replaced == [13]
+    assert tracks.confirmed
+    assert not tracks.confirmed[0].is_vessel
+
+
+def test_structure_gets_no_number() -> None:
+    tracks = ObstacleTracker(vessels=True)
+    for look in range(20):
+        stamp_ns = look * 200 * MS
+        wall = cluster(stamp_ns, (35.0, -20.0), (12.0, 1.0, 0.5))
+        log = [cluster(stamp_ns, FAR)] if look > 9 else []
+        tracks.update(stamp_ns, [wall, *log], STILL, 0.0, 8.0, STILL)
+    assert [track.number for track in tracks.confirmed] == [1]
+
+
+@pytest.mark.parametrize(("east_m", "kept"), [(0.9, False), (1.1, True)])
+def test_a_track_at_structure_is_forgotten_early(east_m: float, kept: bool) -> None:
+    """A boom now covers its place, up to 1 m off: after 1.2 s without a hit."""
+    tracks = seen_for(30)
+    for look in range(1, 14):
+        wall = cluster(look * 200 * MS, (20.0, east_m), (9.1, 0.5, 1.0))
+        tracks.update(look * 200 * MS, [wall], STILL, math.pi, 8.0, STILL)
+    assert bool(tracks.confirmed) is kept
