@@ -359,3 +359,26 @@ def test_the_waiting_position_is_up_the_current_where_there_is_room() -> None:
         assert found @ (1.0, 1j) == pytest.approx(wanted, abs=1e-6), seed
         chosen.add(round(abs(wanted - rest)))
     assert len(chosen) >= 5
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "beside_m", "horizon_s", "judged"),
+    [
+        (1.88, 3.4, 10.0, 5),  # 2.05 m, then 0.03 m less, then it opens
+        (2.00, 3.4, 10.0, 1),  # 0.07 m less
+        (1.0, 4.30, 10.0, 5),
+        (1.0, 4.45, 10.0, 0),  # it begins at more than 3 m
+        (1.88, 3.4, 2.0, 4),
+    ],
+)
+def test_a_path_that_begins_close_and_opens_is_judged_by_its_later_clearance(
+    ahead_m: float, beside_m: float, horizon_s: float, judged: int
+) -> None:
+    """At 3 m/s to the north, past a point beside the path. Places are 1.2 m apart."""
+    point = Scene([], [complex(ahead_m, beside_m)])
+    places = [complex(1.2 * (number + 1), 0.0) for number in range(round(horizon_s / TICK_S))]
+    clear = [gap_m - HULL_M for gap_m in point.point_m(places)]
+    planner = AvoidancePlanner(MARGIN_M, BEGIN_M, horizon_s, HULL_M)
+    legs = Legs(0j, 90 + 0j).planned
+    found = planner.check_collision(legs, np.zeros(2), pair(3 + 0j), 0.0, SPEED_MPS, point.obstacles)
+    assert found.clearance_m == pytest.approx(clear[judged], abs=1e-9)
