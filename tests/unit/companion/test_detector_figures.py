@@ -26,8 +26,8 @@ def level(stamp_ns: int) -> VehiclePose:
 class Sight:
     """A detector, and clouds at instants: points (n, 3) in body axes, here level with the water at 0.15 m."""
 
-    def __init__(self, pose_at: Callable[[int], VehiclePose | None] = level, window_s: float = 0.8) -> None:
-        self.detector = ObstacleDetector(60.0, WATERLINE_M, window_s)
+    def __init__(self, pose_at: Callable[[int], VehiclePose | None] = level) -> None:
+        self.detector = ObstacleDetector(60.0, WATERLINE_M)
         self.history: Any = SimpleNamespace(pose_at=pose_at)
 
     def add(self, stamp_ns: int, points: Any, offset_s: Any = 0.0, intensity: Any = 1) -> DetectionFrame:
@@ -153,12 +153,12 @@ def test_what_is_three_steps_brighter_than_water_is_kept(
     np.testing.assert_allclose(rows(frame), [(-range_m, 0.0, 0.0, 1, 1)] * is_kept, atol=1e-6)
 
 
-def test_points_of_the_last_window_are_kept() -> None:
-    sight = Sight(window_s=0.8)
+def test_points_of_the_last_0_8_seconds_are_kept() -> None:
+    sight = Sight()
     for after_ms in (0, 100, 800, 900, 901):
         sight.add(after_ms * MS, [(30.0, 0.0, 0.0)])
     assert [frame.stamp_ns // MS for frame in sight.detector.frames] == [800, 900, 901]
-    sight = Sight(window_s=0.8)
+    sight = Sight()
     for after_ms in (0, 100, 900):
         sight.add(after_ms * MS, [(30.0, 0.0, 0.0)])
     assert [frame.stamp_ns // MS for frame in sight.detector.frames] == [100, 900]
