@@ -209,3 +209,13 @@ def test_rocks_of_a_shoal_are_spread_over_the_width_of_its_strip() -> None:
     off = (rocks.mean(axis=1)[:, :2] - (3.0, 4.0)) @ np.array([(0.6, -0.8), (0.8, 0.6)])
     np.testing.assert_allclose(off[:, 0], 0.25 + 0.5 * np.arange(200), atol=0.3)
     assert -5.3 < off[:, 1].min() < -4.5 < 4.5 < off[:, 1].max() < 5.3
+
+
+def test_the_undulation_has_wavelengths_of_15_to_70_metres_in_all_directions() -> None:
+    ratio = (70.0 / 15.0) ** (1.0 / 11.0)
+    np.testing.assert_allclose(
+        2.0 * math.pi / np.linalg.norm(BED.wave_vector_radpm, axis=1), 15.0 * ratio ** np.arange(12)
+    )
+    turn = np.arctan2(BED.wave_vector_radpm[:, 1], BED.wave_vector_radpm[:, 0]) % (2.0 * math.pi)
+    for angles in (turn, BED.phase_rad):
+        assert set((angles // (0.5 * math.pi)).tolist()) == {0.0, 1.0, 2.0, 3.0}
