@@ -130,6 +130,7 @@ def test_deadlines_far_ahead_are_waited_for_in_parts(monkeypatch: pytest.MonkeyP
     assert [wait_s for wait_s in bench.waits_s if wait_s] == pytest.approx([0.49995] * 4 + [0.00015])
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_without_deadlines_it_waits_for_the_host(monkeypatch: pytest.MonkeyPatch, lockstep: bool) -> None:
     """Between runs, and in lockstep, in which only ticks run the tasks."""

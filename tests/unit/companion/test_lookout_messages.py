@@ -386,3 +386,9 @@ def test_a_detection_of_a_camera_is_counted_and_other_messages_are_not_taken() -
     beat = mav.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
     assert not lookout.perception.handle(beat, 0)
     assert lookout.said == []
+
+
+def test_guided_of_somebody_else_is_left_alone_from_the_start() -> None:
+    helm = Helm()
+    helm.vehicle.mode = GUIDED
+    assert [helm.update(IN_THE_WAY) for _ in range(3)] == [[], [], []]

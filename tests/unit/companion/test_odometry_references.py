@@ -229,6 +229,7 @@ class AlphaBeta:
         return pose
 
 
+@pytest.mark.medium
 def test_the_filter_of_clouds_alone_is_that_of_matrix_exponentials() -> None:
     """The references of the water are means of its first thirty clouds."""
     rng, water = np.random.default_rng(6), SimpleNamespace(level=None)

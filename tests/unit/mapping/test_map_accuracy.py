@@ -68,6 +68,7 @@ def test_errors_are_those_of_evo(tmp_path: Path) -> None:
     assert found["rpe_m"] == pytest.approx(rpe.get_statistic(metrics.StatisticsType.rmse), abs=5e-5)
     assert found["path_m"] == pytest.approx(reference.path_length, abs=1e-3)
     assert found["rate_hz"] == pytest.approx(10.0)
+    assert all(found[name] == round(found[name], 4) for name in found if name.endswith("_m")), "tenths of a millimetre"
 
 
 def test_poses_in_between_and_none_outside() -> None:
@@ -155,6 +156,8 @@ def test_a_map_that_drifts_by_metres_keeps_its_boom_without_the_cut() -> None:
     assert found.mapping["boom_uncut_points"] == np.count_nonzero(kept)
     assert found.mapping["boom_points"] < np.count_nonzero(kept)
     assert found.mapping["boom_uncut_rms_m"] > 1.2 * found.mapping["boom_rms_m"]
+    for name in ("boom_uncut_rms_m", "boom_rms_m"):
+        assert found.mapping[name] == round(found.mapping[name], 4) != round(found.mapping[name], 3)
     assert found.odometry["anchored_max_m"] == pytest.approx(np.abs(off).max(), abs=1e-3)
     assert found.odometry["anchored_level_rms_m"] == found.odometry["anchored_rms_m"]  # it goes off sideways
 
@@ -238,7 +241,6 @@ def test_errors_need_three_poses_of_both(truths: int, poses: int) -> None:
         (5, -30.1, -20.0, None),  # farther than 30 m: not passed
         (5, -9.0, 0.0, 0.1),
         (5, -9.0, 10.0, 0.0),  # the vessel was beyond the first two floats from its start on
-        (5, -9.0, -400.0, 0.1),
     ],
 )
 def test_coverage_is_of_passed_floats_with_five_points(
@@ -256,9 +258,18 @@ def test_coverage_is_of_passed_floats_with_five_points(
     assert near["boom_rms_m"] == pytest.approx(0.98 / np.sqrt(points + 1), abs=0.02)
 
 
+@pytest.mark.parametrize(("until_m", "coverage"), [(20.1, 0.3333), (21.1, 0.3333), (21.3, 0.25)])
+def test_floats_beyond_the_end_of_a_track_are_not_passed(until_m: float, coverage: float) -> None:
+    """Floats of 6 m: the middle of the fourth is at 21 m. Only the first was seen."""
+    north = np.arange(-20.0, until_m, 0.2)
+    on_float = np.column_stack([np.linspace(2.0, 4.0, 5), np.full(5, -0.5), np.zeros(5)])
+    track = np.column_stack([north, np.full(len(north), -9.0), np.zeros(len(north))])
+    assert boom_section(on_float, track, line())["coverage"] == coverage
+
+
 def test_common_instants_are_equal_microseconds() -> None:
     one = wandering(10)
-    other = Trajectory(one.stamp_ns // 1000 * 1000 + 999, one.pos_m + np.array([0.0, 0.3, 0.0]), one.quat_wxyz)
-    assert apart(one, other) == {"poses": 10, "rms_m": 0.3, "max_m": 0.3}
+    other = Trajectory(one.stamp_ns // 1000 * 1000 + 999, one.pos_m + np.array([0.0, 0.12346, 0.0]), one.quat_wxyz)
+    assert apart(one, other) == {"poses": 10, "rms_m": 0.1235, "max_m": 0.1235}
     later = Trajectory(other.stamp_ns + 1, other.pos_m, other.quat_wxyz)
     assert apart(one, later) == {"poses": 0, "rms_m": None, "max_m": None}
