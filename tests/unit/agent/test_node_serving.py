@@ -106,7 +106,7 @@ def test_tasks_start_at_their_deadlines_and_nothing_else_wakes_the_node(monkeypa
     bench.serve_until(1000 * MS)
     assert role.ran == {"slow": [100 * MS * n for n in range(11)], "fast": [40 * MS * n for n in range(26)]}
     deadlines = sorted({*range(0, 1001, 100), *range(0, 1001, 40), *range(0, 1001, 250)})
-    waits_ms = [after - before - SPIN_NS / MS for before, after in zip(deadlines, deadlines[1:], strict=False)]
+    waits_ms = [deadlines[n + 1] - deadlines[n] - SPIN_NS / MS for n in range(len(deadlines) - 1)]
     assert [1e3 * wait_s for wait_s in bench.waits_s if wait_s] == pytest.approx(waits_ms)
     assert not bench.node.executor.misses
     assert not any(bench.collects[1:]), "before a deadline, garbage is collected only where there is time"
