@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from node_host import BOARD, HandClock
 
+from agent import node
 from agent.faults import AgentFaults
 from agent.node import IDLE_WAIT_S, AgentNode
 from agent.reports import Identity
@@ -69,7 +70,7 @@ class Bench:
         self.host, self.clock, self.waits_s, self.role = Link(here, 255, 190), HandClock(), list[float](), role
         self.collects: list[bool] = []
         faults = AgentFaults(self.clock)
-        link = Link(faults.wrap(there), 1, 1)
+        self.link = link = Link(faults.wrap(there), 1, 1)
         receive = link.receive
 
         def waited(timeout_s: float = 0.0) -> list[Any]:
@@ -148,3 +149,31 @@ def test_without_deadlines_it_waits_for_the_host(monkeypatch: pytest.MonkeyPatch
     assert all(bench.collects)
     bench.serve_until(0)
     assert bench.clock.time_ns == 1500 * MS
+
+
+@pytest.mark.parametrize(
+    ("peers", "host", "wake_s", "waited", "left_s"),
+    [
+        ((), 5, None, [], 0.3),
+        ((7, 8), None, None, [], 0.3),  # a host without a descriptor
+        ((7, 8), 5, None, [((5, 7, 8), 0.3)], 0.0),
+        ((7, 8), 5, 0.1, [((5, 7, 8), 0.1)], 0.0),  # the link has something to send by then
+        ((7, 8), 5, 0.5, [((5, 7, 8), 0.3)], 0.0),
+    ],
+)
+def test_a_wait_ends_with_bytes_of_the_host_or_of_a_peer(
+    monkeypatch: pytest.MonkeyPatch, peers: tuple[int, ...], host: int | None, wake_s: float | None,
+    waited: list[Any], left_s: float,
+) -> None:  # fmt: skip
+    waits: list[Any] = []
+    monkeypatch.setattr(node, "wait_readable", lambda descriptors, timeout_s: waits.append((descriptors, timeout_s)))
+    role = Tasks({})
+    monkeypatch.setattr(role, "descriptors", lambda: peers)
+    bench = Bench(monkeypatch, role)
+    monkeypatch.setattr(bench.link.transport, "fileno", lambda: host)
+    monkeypatch.setattr(bench.link, "wake_s", lambda: wake_s)
+    bench.node.poll(0.3)
+    assert (waits, bench.waits_s) == (waited, [left_s])
+    waits.clear()
+    bench.node.poll()
+    assert waits == [], "a poll does not wait"
