@@ -114,6 +114,7 @@ def test_tasks_start_at_their_deadlines_and_nothing_else_wakes_the_node(monkeypa
     assert gc.isenabled()
 
 
+@pytest.mark.medium
 @pytest.mark.parametrize("late_ns", [SPIN_NS, SPIN_NS + 1, 3 * MS])
 def test_a_wait_that_ends_late_is_followed_by_the_task_at_once(monkeypatch: pytest.MonkeyPatch, late_ns: int) -> None:
     role = Tasks({"fast": 25.0})
@@ -124,6 +125,7 @@ def test_a_wait_that_ends_late_is_followed_by_the_task_at_once(monkeypatch: pyte
     assert role.ran["fast"] == [0, *(40 * MS * n + late_ns - SPIN_NS for n in range(1, 6))]
 
 
+@pytest.mark.medium
 def test_deadlines_far_ahead_are_waited_for_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     role = Tasks({}, peers_hz=0.5)
     bench = Bench(monkeypatch, role)
