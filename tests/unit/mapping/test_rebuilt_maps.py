@@ -96,7 +96,8 @@ def test_a_refused_cloud_is_no_pose_and_no_points(monkeypatch: pytest.MonkeyPatc
     assert found.seen_ns.tolist() == [200 * MS]
     none, _ = rebuilt(monkeypatch, clouds, refuses=(0, 1, 2))
     assert (len(none.trajectory.stamp_ns), none.points_odom_m.shape, len(none.source)) == (0, (0, 3), 0)
-    assert trajectory_of([]).quat_wxyz.shape == (0, 4)
+    nothing = trajectory_of([])
+    assert (nothing.stamp_ns.shape, nothing.pos_m.shape, nothing.quat_wxyz.shape) == ((0,), (0, 3), (0, 4))
 
 
 def test_the_settings_are_those_of_the_runs_companion(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,3 +181,17 @@ def test_in_lockstep_the_companions_clock_shows_the_exchange_before(monkeypatch:
 def test_a_cloud_waits_for_messages_of_150_milliseconds(monkeypatch: pytest.MonkeyPatch) -> None:
     sent = [(110, 90), (250, 91), (251, 92), (350, 93)]
     assert heard(monkeypatch, sent) == [[(90, 110), (91, 250)], [(92, 251), (93, 350)], []]
+
+
+def test_all_messages_sent_before_the_end_of_a_cloud_are_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first one of the second cloud already covers it."""
+    sent = [(120, 101), (150, 201), (160, 202), (210, 203)]
+    assert heard(monkeypatch, sent) == [[(101, 120)], [(201, 150), (202, 160)], [(203, 210)]]
+
+
+def test_the_profile_is_that_of_the_logs_vessel(monkeypatch: pytest.MonkeyPatch) -> None:
+    profiles = [SimpleNamespace(vessel=vessel) for vessel in ("lead", "wing")]
+    monkeypatch.setattr(rebuilding, "recorded_profiles", lambda text: profiles)
+    for vessel, expected in (("lead", profiles[0]), ("wing", profiles[1]), ("other", None)):
+        log: Any = SimpleNamespace(vessel=vessel, attachment=lambda name: "")
+        assert rebuilding.profile_of(log) is expected
