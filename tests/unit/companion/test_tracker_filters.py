@@ -591,3 +591,16 @@ def test_a_track_at_structure_is_forgotten_early(east_m: float, kept: bool) -> N
         wall = cluster(look * 200 * MS, (20.0, east_m), (9.1, 0.5, 1.0))
         tracks.update(look * 200 * MS, [wall], STILL, math.pi, 8.0, STILL)
     assert bool(tracks.confirmed) is kept
+
+
+@pytest.mark.parametrize(("aside_m", "moves"), [(1.0, True), (-1.0, True), (1.5, False), (-1.5, False)])
+def test_one_end_in_view_shows_no_motion_on_a_bent_way(aside_m: float, moves: bool) -> None:
+    """The end comes nearer by 2 m, and half of the time it is aside: by up to three fifths of its way."""
+    motion, found = OutlineMotion(), []
+    view: Any = SimpleNamespace(pos_ne_m=STILL, holds=lambda points: points[:, 0] < 220.0)
+    far = np.column_stack([np.linspace(200.0, 240.0, 81), np.zeros(81)])
+    for look in range(18):  # the looks from 10 on are compared with those 2 s and more before, of which 5 is the middle
+        place = (-0.2 * look, aside_m if 4 <= look <= 9 else 0.0)
+        at = far + place
+        found.append(motion.add_look(merged_cluster([cluster(look * 200 * MS, at[0])._replace(points_ne_m=at)]), view))
+    assert any(vel is not None for vel in found[:14]) is moves

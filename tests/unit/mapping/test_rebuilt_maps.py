@@ -190,7 +190,7 @@ def test_all_messages_sent_before_the_end_of_a_cloud_are_heard(monkeypatch: pyte
 
 
 def test_the_profile_is_that_of_the_logs_vessel(monkeypatch: pytest.MonkeyPatch) -> None:
-    profiles = [SimpleNamespace(vessel=vessel) for vessel in ("lead", "wing")]
+    profiles: list[Any] = [SimpleNamespace(vessel=vessel) for vessel in ("lead", "wing")]
     monkeypatch.setattr(rebuilding, "recorded_profiles", lambda text: profiles)
     for vessel, expected in (("lead", profiles[0]), ("wing", profiles[1]), ("other", None)):
         log: Any = SimpleNamespace(vessel=vessel, attachment=lambda name: "")
