@@ -600,7 +600,7 @@ def test_one_end_in_view_shows_no_motion_on_a_bent_way(aside_m: float, moves: bo
     view: Any = SimpleNamespace(pos_ne_m=STILL, holds=lambda points: points[:, 0] < 220.0)
     far = np.column_stack([np.linspace(200.0, 240.0, 81), np.zeros(81)])
     for look in range(18):  # the looks from 10 on are compared with those 2 s and more before, of which 5 is the middle
-        place = (-0.2 * look, aside_m if 4 <= look <= 9 else 0.0)
-        at = far + place
+        ahead_m, right_m = 0.2 * look, aside_m if 4 <= look <= 9 else 0.0
+        at = far + ahead_m * np.array((-0.94, 0.34)) + right_m * np.array((0.34, 0.94))
         found.append(motion.add_look(merged_cluster([cluster(look * 200 * MS, at[0])._replace(points_ne_m=at)]), view))
     assert any(vel is not None for vel in found[:14]) is moves
