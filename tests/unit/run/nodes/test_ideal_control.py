@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.nodes.direct_control import IdealControl, OperatedControl
+from xitl_cli.record.topics import MotorCommand
+from xitl_cli.run.nodes.direct_control import IdealControl, OperatedControl, ScheduledControl, direct_control
 from xitl_cli.run.operator.actions import CommandMotor, SteerVelocity
 
 MS = 1_000_000
@@ -115,4 +116,46 @@ def test_a_turn_rate_and_a_speed_are_steered_from_the_truth() -> None:
         assert (first - second) * turn_rate_radps > 0.0
     control.give(CommandMotor(number=0, command=-0.25))
     control.exchange(at(0.0, 0.0, 30.0, 1.0))
-    assert control.command.motors == (-0.25, 0.0), "the last of the two kinds of orders counts"
+    assert control.command == MotorCommand((-0.25, 0.0), armed=True), "the last of the two kinds of orders counts"
+
+
+class Schedule:
+    """Motors from 0 s on, others from 1 s on, none from 2 s on. The last change is at 2 s, the end at `end_ns`."""
+
+    last_ns = 2000 * MS
+
+    def __init__(self, end_ns: int | None) -> None:
+        self.end_ns = end_ns
+
+    def motors_at(self, now_ns: int) -> tuple[float, ...] | None:
+        return None if now_ns >= self.last_ns else (0.5, 0.4) if now_ns < 1000 * MS else (-0.1, 0.2)
+
+
+@pytest.mark.parametrize("end_ms", [None, 3000])
+def test_a_script_is_completed_at_its_last_change_and_finished_at_its_end(end_ms: int | None) -> None:
+    control = ScheduledControl(cast(Any, Schedule(None if end_ms is None else end_ms * MS)), "SCRIPT", 2)
+    assert control.command == MotorCommand((0.5, 0.4), armed=True)
+    seen = []
+    for now_ms in (0, 999, 1000, 1999, 2000, 2999, 3000, 4000):
+        control.exchange(at(0.0, 0.0, 0.0, now_ns=now_ms * MS))
+        assert control.command.armed
+        assert (control.progress.mode, control.progress.armed, control.progress.waypoints) == ("SCRIPT", True, ())
+        seen.append((control.command.motors, control.progress.completed, control.progress.finished))
+    first, second, ends = (0.5, 0.4), (-0.1, 0.2), end_ms is not None
+    assert seen == [
+        (first, False, False), (first, False, False), (second, False, False), (second, False, False),
+        (second, True, False), (second, True, False), (second, True, ends), (second, True, ends),
+    ]  # fmt: skip
+
+
+def test_a_schedule_without_motors_at_the_start_begins_neutral() -> None:
+    late: Any = SimpleNamespace(motors_at=lambda now_ns: None, end_ns=None, last_ns=0)
+    assert ScheduledControl(late, "REPLAY", 3).command == MotorCommand((0.0, 0.0, 0.0), armed=True)
+
+
+def test_the_control_is_that_of_the_driver() -> None:
+    script = profile("driver.kind=script", "driver.script=[{at_s: 0, motors: [0.5, 0.4]}]", "clock.duration_s=9")
+    control = direct_control(script)
+    assert (control.progress.mode, control.command) == ("SCRIPT", MotorCommand((0.5, 0.4), armed=True))
+    control = direct_control(profile())
+    assert (control.progress.mode, control.command) == ("IDEAL", MotorCommand((0.0, 0.0), armed=True))
