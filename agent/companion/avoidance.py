@@ -106,7 +106,7 @@ def simulate_courses(
         lee_sum += np.maximum(cross_m * to_right[leg], 0.0)
     along_m, _ = legs.offsets_m(leg, pos)
     progress_m = legs.before_m[leg] + np.minimum(along_m, legs.length_m[leg])
-    return SimulatedCourses(out, progress_m, off_sum / max(steps, 1), lee_sum / max(steps, 1))
+    return SimulatedCourses(out, progress_m, off_sum / steps, lee_sum / steps)
 
 
 def crab_heading_rad(course_rad: float, speed_mps: float, current_ne_mps: Array) -> float:

@@ -48,3 +48,18 @@ def test_deadlines_it_misses_are_told() -> None:
     host.clock.time_ns += 1000 * MS
     told = of("XITL_TASK_MISS", host.send() + host.live(0.2))
     assert ("watch", 9) in {(miss.task, miss.skipped) for miss in told}
+
+
+def test_its_tasks_have_their_rates() -> None:
+    host = Host(CompanionRole())
+    host.run(START)
+    tasks = of("XITL_TASK_STATS", host.live(2.0))
+    rates = {task.task: task.rate_hz for task in tasks}
+    assert rates == {"watch": 10.0, "perceive": 25.0, "plan": 5.0, "tell": 2.0, "telemetry": 10.0, "status": 1.0}
+
+
+def test_a_host_is_silent_after_more_than_a_second() -> None:
+    host = Host(CompanionRole())
+    host.run(START)
+    assert texts(host.live(1.0, imu=False)) == []
+    assert texts(host.live(0.2, imu=False)) == ["Host is silent"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from typing import Any
 
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 from node_host import LOCKSTEP, START, STOP, Host, of, texts
 
+from agent.companion import obstacle_avoidance
 from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
+from agent.companion.obstacle_avoidance import ObstacleAvoidance
 from agent.companion.role import CompanionRole
 from agent.wire import dialect as mav
 
@@ -133,3 +136,34 @@ def test_without_numpy_it_is_there_and_says_why_it_is_blind(monkeypatch: pytest.
     assert said.startswith("No perception: ")
     assert said.endswith("pip install 'numpy>=1.21' kiss-icp")
     assert len(of("XITL_TICK", companion.said)) == 10
+
+
+def test_the_settings_of_the_first_detection_are_those_of_the_avoidance(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[dict[str, Any]] = []
+
+    class Avoidance(ObstacleAvoidance):
+        def __init__(self, **settings: Any) -> None:
+            given.append(settings)
+            super().__init__(**settings)
+
+    monkeypatch.setattr(obstacle_avoidance, "ObstacleAvoidance", Avoidance)
+    host = Host(CompanionRole())
+    host.run(START)
+    values = {
+        "AVD_MARGIN": 4.0, "AVD_HORIZON": 9.0, "WP_SPEED": 2.0, "HULL_LENGTH": 7.0, "HULL_WIDTH": 3.0,
+        "HULL_WATER": 0.25, "AVD_RANGE": 80.0, "AVD_ENABLE": 0.0, "AVD_VESSELS": 1.0,
+        "LIDAR_YAW": 90.0, "ODO_ENABLE": 0.0,
+    }  # fmt: skip
+    for name, value in values.items():
+        host.send(mav.MAVLink_param_set_message(1, 1, name.encode(), value, mav.MAV_PARAM_TYPE_REAL32))
+    host.send(mav.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
+    assert given == [], "it begins with the first data of a sensor"
+    for _ in range(2):
+        host.send(mav.MAVLink_xitl_detection_message(0, (0.0, 0.0, 0.0), 0.1, 0.1, 0.1, 0.2, 0.9, b"person"))
+    (settings,) = given
+    assert settings == {
+        "margin_m": 4.0, "horizon_s": 9.0, "speed_mps": 2.0, "length_m": 7.0, "width_m": 3.0, "waterline_m": 0.25,
+        "range_m": 80.0, "avoids": False, "vessels": True, "view_yaw_rad": pytest.approx(math.pi / 2),
+    }  # fmt: skip
+    (status,) = of("XITL_COMPANION_STATUS", host.live(0.7))[:1]
+    assert status.detections == 2

@@ -6,7 +6,15 @@ import math
 
 import numpy as np
 
-from agent.companion.camera_fusion import FEWEST_IMAGES, MOST_WAITING, CameraFusion, ImageDetection
+from agent.companion.camera_fusion import (
+    ANGLE_RAD,
+    FEWEST_IMAGES,
+    GATE,
+    MOST_WAITING,
+    PLACE_M,
+    CameraFusion,
+    ImageDetection,
+)
 from agent.companion.detection import Cluster
 from agent.companion.pose_history import PoseHistory
 from agent.companion.tracking import ObstacleTrack
@@ -122,3 +130,74 @@ def test_detections_wait_for_their_pose_and_every_drop_is_counted() -> None:
     early.add(seen(place, "buoy", SECOND // 2, poses))  # before the first pose
     early.update(poses, [])
     assert (early.dropped, early.early) == (1, 1)
+
+
+def test_a_pair_is_associated_within_the_gate_of_both_angles() -> None:
+    """Off by shares of a standard deviation in bearing and depression, around the ellipse of the gate."""
+    poses, length_m, width_m, place = history(), 3.0, 1.2, (24.0, 7.0)
+    middle, middle_ns = np.array(place), 2 * SECOND
+    cluster = Cluster(SECOND, middle[None], middle, length_m, width_m, 0.9, 0.3, 20)
+    off = middle - CAMERA_FRD_M[:2]
+    range_m = float(np.hypot(*off))
+    near_m = range_m - 0.5 * width_m
+    reach_m = PLACE_M + 0.25 * length_m
+    across_rad = math.sqrt(ANGLE_RAD**2 + (reach_m / range_m) ** 2)
+    along_rad = math.sqrt(ANGLE_RAD**2 + (HEIGHT_M * reach_m / near_m**2) ** 2)
+    for share in (0.98, 1.02):
+        for turn_rad in np.linspace(0.0, 2.0 * math.pi, 12, endpoint=False):
+            deviations = share * math.sqrt(GATE)
+            bearing_rad = math.atan2(off[1], off[0]) + deviations * math.cos(turn_rad) * across_rad
+            bottom_rad = -math.atan2(HEIGHT_M, near_m) + deviations * math.sin(turn_rad) * along_rad
+            tracked = ObstacleTrack(1, cluster, np.zeros(2), 3)
+            fusion = CameraFusion(WATERLINE_M)
+            fusion.add(ImageDetection(middle_ns, CAMERA_FRD_M, bearing_rad, 0.05, bottom_rad, 0.9, "buoy"))
+            fusion.update(poses, [tracked])
+            assert fusion.matched == (share < 1.0)
+
+
+def test_a_pair_uses_the_place_of_the_track_at_the_image_and_not_behind_the_camera() -> None:
+    poses, tracked = history(), track(1, 14.0, 0.0)
+    tracked.state[2:] = (1.0, -2.0)
+    fusion = CameraFusion(WATERLINE_M)
+    fusion.add(seen((16.0, -4.0), "buoy", 3 * SECOND, poses))  # 2 s after the track's last correction
+    fusion.update(poses, [tracked])
+    assert fusion.matched == 1
+    astern = CameraFusion(WATERLINE_M)
+    astern.add(seen((-20.0, 0.0), "buoy", 3 * SECOND, poses)._replace(bearing_rad=-math.pi + 0.001))
+    astern.update(poses, [track(1, -20.0, 0.1)])
+    assert astern.matched == 1, "bearings are compared around the circle"
+
+
+def test_evidence_fades_by_a_twentieth_an_image() -> None:
+    place, poses = (15.0, 0.0), history()
+    tracks = [track(1, *place), track(2, 15.0, 12.0)]
+    fusion = CameraFusion(WATERLINE_M)
+    for image, (label, confidence) in enumerate([("buoy", 0.9), ("log", 0.7), ("buoy", 0.2), ("log", 0.3)]):
+        fusion.add(seen(place, label, 2 * SECOND + image * SECOND // 5, poses, confidence))
+    fusion.update(poses, tracks)
+    buoy, log = 0.9 * 0.95**3 + 0.2 * 0.95, 0.7 * 0.95**2 + 0.3
+    label, share = fusion.class_of(1)
+    assert (label, fusion.class_of(2)) == ("buoy", ("", 0.0))
+    assert abs(share - buoy / (buoy + log)) < 1e-12
+    fusion.update(poses, tracks[1:])
+    assert fusion.class_of(1) == ("", 0.0), "a lost track has no class"
+
+
+def test_images_wait_for_a_pose_up_to_two_seconds_ahead() -> None:
+    place = (15.0, 0.0)
+    poses = history()  # up to 5 s
+    for after_ns, matched, dropped in ((0, 1, 0), (1, 0, 0), (2 * SECOND, 0, 0), (2 * SECOND + 1, 0, 1)):
+        fusion = CameraFusion(WATERLINE_M)
+        fusion.add(seen(place, "buoy", 5 * SECOND + after_ns, poses))
+        fusion.update(poses, [track(1, *place)])
+        assert (fusion.matched, fusion.dropped, fusion.early) == (matched, dropped, dropped)
+    begun = CameraFusion(WATERLINE_M)
+    for stamp_ns in (2 * SECOND, SECOND // 2):
+        begun.add(seen(place, "buoy", stamp_ns, poses))
+    begun.update(poses, [track(1, *place)])
+    assert (begun.matched, begun.dropped, begun.early) == (1, 1, 0)
+    nameless = seen(place, "", 2 * SECOND, poses)
+    begun.add(nameless)
+    for changed in (nameless._replace(label="x", position_frd_m=np.array((0.0, math.nan, 0.0))), nameless):
+        begun.add(changed)
+    assert (begun.received, begun.dropped) == (5, 4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -120,3 +121,54 @@ def test_pings_do_not_fill_the_table_of_interned_strings() -> None:
     """A full table takes a megabyte more. Strings that nothing refers to any more count until then."""
     done = subprocess.run([sys.executable, "-c", NEARLY_FULL], cwd=ROOT, capture_output=True, text=True, check=True)
     assert int(done.stdout) < 300_000
+
+
+def echo_ranges(level: list[int], sample_m: float) -> list[int]:
+    """Samples at which echoes begin, one sample at a time.
+
+    13 dB over the means of 1.5 m nearer and farther, beyond half a metre; the highest within half a metre; its flank
+    begins 10 dB lower.
+    """
+    guard, training, start = max(round(0.5 / sample_m), 4), max(round(1.5 / sample_m), 12), math.ceil(0.75 / sample_m)
+    if len(level) - start < guard + training:
+        return []
+    found = set()
+    for at in range(start, len(level)):
+        around = level[max(at - guard, 0) : at + guard + 1]
+        near = level[max(at - guard - training, 0) : max(at - guard, 0)]
+        far = level[at + guard + 1 : at + guard + 1 + training]
+        means = [sum(part) / len(part) for part in (near, far) if part]
+        rises = not at or level[at] > level[at - 1]
+        if rises and level[at] == max(around) and level[at] >= max([0.0, *means]) + 39.0:
+            found.add(next(row for row in range(max(at - guard, start), at + 1) if level[row] >= level[at] - 30))
+    return sorted(found)
+
+
+@pytest.mark.medium
+@pytest.mark.parametrize(("sample_m", "samples"), [(0.05, 300), (0.2, 60), (0.111, 100), (0.03, 120), (0.5, 30)])
+def test_echoes_begin_where_a_loop_over_samples_finds_them(sample_m: float, samples: int) -> None:
+    rng, total = np.random.default_rng(samples), 0
+    for number in range(40):
+        level = rng.integers(10, 60, samples) + 90 * (rng.random(samples) < 0.04)
+        level[rng.integers(samples)] += 60
+        level = np.clip(level + 30 * (np.arange(samples) > samples // 2) * (number % 2), 0, 255)
+        level[1:] = np.maximum(level[1:], level[:-1] - 40 * (number % 3 > 0))  # flanks
+        if number % 4 == 0:
+            level[rng.integers(samples - 1) :][:2] = 200  # two equal ones
+        echo = ping(np.empty(0))._replace(
+            intensity=level.astype(np.uint8), sample_period_s=2.0 * sample_m / 1500.0, position_frd_m=(0.0, 0.0, 0.0)
+        )
+        expected = echo_ranges(level.tolist(), sample_m)
+        points, intensity = echo_points(echo)
+        np.testing.assert_allclose(points[:, 0], (np.array(expected) + 0.5) * sample_m, rtol=1e-5)
+        assert intensity.tolist() == level[expected].tolist()
+        total += len(expected)
+    assert total >= 20
+
+
+@pytest.mark.parametrize(("samples", "found"), [(15 + 10 + 30, 1), (15 + 10 + 29, 0)])
+def test_a_ping_that_is_too_short_for_the_means_has_no_echoes(samples: int, found: int) -> None:
+    """0.75 m, half a metre and 1.5 m."""
+    level = np.full(samples, 5.0)
+    level[20] = 60.0
+    assert len(echo_points(ping(level))[0]) == found

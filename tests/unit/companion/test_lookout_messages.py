@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agent.companion.autopilot_state import MissionCopy, MissionCopyItem, MissionPosition, PathAhead
-from agent.companion.avoidance import AvoidancePlanner, Obstacles
+from agent.companion.avoidance import AROUND, FREE, STAY, AvoidanceChoice, AvoidancePlanner, CollisionCheck, Obstacles
 from agent.companion.clouds import PointCloud, cloud_messages
 from agent.companion.command_output import DETOUR, NONE, RETURN, STOP, CommandOutput
 from agent.companion.detection import Cluster
@@ -386,3 +386,104 @@ def test_a_detection_of_a_camera_is_counted_and_other_messages_are_not_taken() -
     beat = mav.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3)
     assert not lookout.perception.handle(beat, 0)
     assert lookout.said == []
+
+
+def test_guided_of_somebody_else_is_left_alone_from_the_start() -> None:
+    helm = Helm()
+    helm.vehicle.mode = GUIDED
+    assert [helm.update(IN_THE_WAY) for _ in range(3)] == [[], [], []]
+
+
+class Decided:
+    """Stands in for the planner. asked: whether the vessel stayed, and the course held, at each choice."""
+
+    def __init__(self) -> None:
+        self.check = CollisionCheck(0.5, True, 3.0)
+        self.choice = AvoidanceChoice(AROUND, 0.7, 2.0, 4.0)
+        self.place = np.array((5.0, 6.0))
+        self.asked: list[tuple[bool, float | None]] = []
+        self.speeds: set[float] = set()
+
+    def check_collision(self, legs: Any, pos: Any, vel: Any, bow: float, speed_mps: float, around: Any) -> Any:
+        self.speeds.add(speed_mps)
+        return self.check
+
+    def choose_course(
+        self, legs: Any, pos: Any, vel: Any, bow: float, speed_mps: float, around: Any, last_rad: float | None,
+        stays: bool, current: Any,
+    ) -> Any:  # fmt: skip
+        self.speeds.add(speed_mps)
+        self.asked.append((stays, last_rad))
+        return self.choice
+
+    def waiting_position(self, pos: Any, vel: Any, around: Any, current: Any) -> Any:
+        return self.place
+
+
+def decided() -> tuple[Helm, Decided]:
+    helm, planner = Helm(), Decided()
+    helm.output = CommandOutput(planner, 1.8, 3.0)  # type: ignore[arg-type]
+    return helm, planner
+
+
+@pytest.mark.parametrize(("after_s", "looks"), [(7.9, 2), (8.0, 8)])
+def test_a_late_collision_is_seen_more_often_before_the_helm_is_taken(after_s: float, looks: int) -> None:
+    helm, planner = decided()
+    planner.check = CollisionCheck(0.5, True, after_s)
+    assert [len(helm.update(NOTHING)) for _ in range(looks)] == [0] * (looks - 1) + [1]
+
+
+@pytest.mark.parametrize(("planned_mps", "speed_mps"), [(2.5, 2.5), (None, 3.0)])
+def test_the_speed_is_that_of_the_mission_or_of_the_vessel(planned_mps: float | None, speed_mps: float) -> None:
+    helm, planner = decided()
+    helm.way = PathAhead(((0.0, 0.0), (200.0, 0.0)), planned_mps)
+    helm.take()
+    helm.update(NOTHING)
+    assert planner.speeds == {speed_mps}
+
+
+def test_the_planner_knows_the_course_held_and_whether_the_vessel_stays() -> None:
+    helm, planner = decided()
+    helm.take()
+    choices = [
+        AvoidanceChoice(AROUND, 0.7, 2.0, 4.0), *[AvoidanceChoice(STAY, 0.0, 0.0, 4.0)] * 2,
+        AvoidanceChoice(FREE, 0.0, 3.0, 4.0), AvoidanceChoice(AROUND, -0.4, 1.0, 4.0),
+    ]  # fmt: skip
+    sent = []
+    for planner.choice in choices:
+        (message,) = helm.update(NOTHING)
+        sent.append((helm.output.manoeuvre, message.vx, message.vy, message.x, message.y))
+    assert planner.asked == [(False, None), (False, 0.7), (True, None), (True, None), (False, None)]
+    expected = [
+        (DETOUR, 2.0 * math.cos(0.7), 2.0 * math.sin(0.7), 0.0, 0.0), *[(STOP, 0.0, 0.0, 5.0, 6.0)] * 2,
+        (RETURN, 3.0, 0.0, 0.0, 0.0), (DETOUR, math.cos(0.4), -math.sin(0.4), 0.0, 0.0),
+    ]  # fmt: skip
+    np.testing.assert_allclose(sent, expected, atol=1e-9)
+    assert (helm.output.detours, helm.output.stops) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "clearance_m", "ends"), [(FREE, 2.3, True), (FREE, 2.29, False), (AROUND, 9.0, False), (STAY, 9.0, False)]
+)
+def test_a_detour_ends_when_the_legs_are_chosen_and_clear(kind: int, clearance_m: float, ends: bool) -> None:
+    """Half a metre more than the 1.8 m at which it begins, four plans in a row."""
+    helm, planner = decided()
+    helm.take()
+    planner.check = CollisionCheck(clearance_m, False, 3.0)
+    planner.choice = AvoidanceChoice(kind, 0.0, 3.0, clearance_m)
+    sent = [helm.update(NOTHING)[0] for _ in range(4)]
+    assert [isinstance(message, mav.MAVLink_command_long_message) for message in sent] == [False] * 3 + [ends]
+
+
+def test_a_vessel_past_the_end_of_its_leg_is_on_a_leg_from_its_place() -> None:
+    """It is 5 m past a corner, to which the autopilot turns back. So does the course of the return."""
+    helm, planner = decided()
+    helm.way = PathAhead(((0.0, 0.0), (100.0, 0.0), (100.0, 80.0)), 3.0)
+    helm.take()
+    planner.choice = AvoidanceChoice(FREE, 0.0, 3.0, 4.0)
+    helm.pose = pose(105.0, 0.0, 0.0, (3.0, 0.0))
+    (message,) = helm.update(NOTHING)
+    assert (message.vx, message.vy) == pytest.approx((-3.0, 0.0), abs=1e-6)
+    helm.pose = pose(99.0, 0.0, 0.0, (3.0, 0.0))
+    (message,) = helm.update(NOTHING)
+    assert (message.vx, message.vy) == pytest.approx((3.0, 0.0), abs=1e-6)

@@ -9,10 +9,10 @@ import pytest
 from evo.core import metrics, sync
 from evo.tools import file_interface
 
-from sim_core.frames import euler_to_quat
+from sim_core.frames import euler_to_quat, matrix_to_quat, quat_to_matrix
 from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory, umeyama
-from xitl_cli.mapping.accuracy import apart, boom_section, matched, perception_sections
+from xitl_cli.mapping.accuracy import apart, boom_section, laid, matched, perception_sections, truly_placed
 from xitl_cli.mapping.clouds import SeenPoints, at
 from xitl_cli.mapping.map_files import write_tum
 
@@ -68,6 +68,7 @@ def test_errors_are_those_of_evo(tmp_path: Path) -> None:
     assert found["rpe_m"] == pytest.approx(rpe.get_statistic(metrics.StatisticsType.rmse), abs=5e-5)
     assert found["path_m"] == pytest.approx(reference.path_length, abs=1e-3)
     assert found["rate_hz"] == pytest.approx(10.0)
+    assert all(found[name] == round(found[name], 4) for name in found if name.endswith("_m")), "tenths of a millimetre"
 
 
 def test_poses_in_between_and_none_outside() -> None:
@@ -155,5 +156,120 @@ def test_a_map_that_drifts_by_metres_keeps_its_boom_without_the_cut() -> None:
     assert found.mapping["boom_uncut_points"] == np.count_nonzero(kept)
     assert found.mapping["boom_points"] < np.count_nonzero(kept)
     assert found.mapping["boom_uncut_rms_m"] > 1.2 * found.mapping["boom_rms_m"]
+    for name in ("boom_uncut_rms_m", "boom_rms_m"):
+        assert found.mapping[name] == round(found.mapping[name], 4) != round(found.mapping[name], 3)
     assert found.odometry["anchored_max_m"] == pytest.approx(np.abs(off).max(), abs=1e-3)
     assert found.odometry["anchored_level_rms_m"] == found.odometry["anchored_rms_m"]  # it goes off sideways
+
+
+def turned_trajectory(euler: np.ndarray, pos_m: np.ndarray, step_ns: int = 100_000_000) -> Trajectory:
+    return Trajectory(np.arange(len(pos_m), dtype=np.int64) * step_ns, pos_m, euler_to_quat(euler))
+
+
+def test_points_are_placed_by_the_true_pose_nearest_in_time() -> None:
+    """A map point is where the true body had what the odometry's body saw."""
+    rng = np.random.default_rng(2)
+    truth, odometry = (turned_trajectory(rng.uniform(-1, 1, (4, 3)), rng.uniform(-9, 9, (4, 3))) for _ in range(2))
+    body = rng.uniform(-20, 20, (8, 3))
+    seen_ns = np.array([-5, 0, 49, 51, 149, 151, 300, 400]) * 1_000_000
+    poses = [0, 0, 0, 1, 1, 2, 3, 3]
+    turns = [quat_to_matrix(trajectory.quat_wxyz) for trajectory in (odometry, truth)]
+    points = [turns[0][pose] @ point + odometry.pos_m[pose] for pose, point in zip(poses, body, strict=True)]
+    placed = truly_placed(truth, odometry, SeenPoints(np.array(points), seen_ns))
+    expected = [turns[1][pose] @ point + truth.pos_m[pose] for pose, point in zip(poses, body, strict=True)]
+    np.testing.assert_allclose(placed, expected, atol=1e-9)
+
+
+def test_a_map_is_laid_by_places_and_axes_alike() -> None:
+    """Two turns about one place: their ends are ten metres from it, so that a turn weighs as much as ten metres."""
+    rng = np.random.default_rng(3)
+    euler, pos_m = rng.uniform(-1, 1, (5, 3)), rng.uniform(-9, 9, (5, 3))
+    turn = quat_to_matrix(euler_to_quat(np.array([[0.3, -0.2, 2.0]])))[0]
+    shift = np.array([4.0, 5.0, -6.0])
+    odometry = turned_trajectory(euler, pos_m)
+    turned = quat_to_matrix(odometry.quat_wxyz)
+    truth = Trajectory(odometry.stamp_ns, pos_m @ turn.T + shift, matrix_to_quat(turn @ turned))
+    found = laid(truth, odometry)
+    assert found is not None
+    np.testing.assert_allclose(found.rotation, turn, atol=1e-9)
+    np.testing.assert_allclose(found.translation, shift, atol=1e-9)
+    # One pose: only its axes determine the rotation.
+    alone = laid(*(Trajectory(t.stamp_ns[:1], t.pos_m[:1], t.quat_wxyz[:1]) for t in (truth, odometry)))
+    assert alone is not None
+    np.testing.assert_allclose(alone.rotation, turn, atol=1e-9)
+
+
+def test_an_odometry_that_climbs_has_no_level_error() -> None:
+    north = np.arange(21) * 0.5
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (21, 1))
+    stamps = np.arange(21, dtype=np.int64) * 250_000_000
+    east, off_m = np.abs(north - 5.0), 0.1 * np.arange(21)  # two legs
+    truth = Trajectory(stamps, np.column_stack([north, east, 0 * north]), still)
+    climbs = Trajectory(stamps, np.column_stack([north, east, off_m]), still)
+    found = perception_sections(truth, climbs, NOTHING, None).odometry
+    assert (found["poses"], found["rate_hz"], found["path_m"]) == (21, 4.0, 14.142)
+    assert found["anchored_level_rms_m"] == 0.0
+    assert found["anchored_max_m"] == pytest.approx(2.0)
+    assert found["anchored_rms_m"] == pytest.approx(0.1 * np.sqrt(20.0 * 41.0 / 6.0), abs=1e-4)
+    assert found["rpe_m"] == pytest.approx(0.4), "four steps are a second"
+    sideways = Trajectory(stamps, np.column_stack([north, east + off_m, 0 * north]), still)
+    assert (
+        perception_sections(truth, sideways, NOTHING, None).odometry["anchored_level_rms_m"] == found["anchored_rms_m"]
+    )
+
+
+@pytest.mark.parametrize(("truths", "poses"), [(2, 9), (9, 2), (3, 9), (9, 3)])
+def test_errors_need_three_poses_of_both(truths: int, poses: int) -> None:
+    whole = wandering(9)
+    truth, odometry = (
+        Trajectory(whole.stamp_ns[:count], whole.pos_m[:count], whole.quat_wxyz[:count]) for count in (truths, poses)
+    )
+    found = perception_sections(truth, odometry, NOTHING, None)
+    assert found.odometry["poses"] == poses
+    assert (
+        (found.odometry["rate_hz"] is not None)
+        == (found.odometry["anchored_rms_m"] is not None)
+        == (min(truths, poses) > 2)
+    )
+
+
+@pytest.mark.parametrize(
+    ("points", "side_m", "since_m", "coverage"),
+    [
+        (5, -29.9, -20.0, 0.1),
+        (4, -29.9, -20.0, 0.0),
+        (5, -30.1, -20.0, None),  # farther than 30 m: not passed
+        (5, -9.0, 0.0, 0.1),
+        (5, -9.0, 10.0, 0.0),  # the vessel was beyond the first two floats from its start on
+    ],
+)
+def test_coverage_is_of_passed_floats_with_five_points(
+    points: int, side_m: float, since_m: float, coverage: float | None
+) -> None:
+    """Points of the first of ten floats: on it, and one more than a metre off."""
+    on_float = np.column_stack([np.linspace(2.0, 4.0, points), np.full(points, -0.5), np.zeros(points)])
+    track = np.column_stack(
+        [np.arange(since_m, 80.0, 0.2), np.full(round((80.0 - since_m) * 5), side_m), 0 * np.arange(since_m, 80.0, 0.2)]
+    )
+    found = boom_section(np.concatenate([on_float, [(3.0, -1.52, 0.0)]]), track, line())
+    assert (found["boom_points"], found["coverage"]) == (points, coverage)
+    near = boom_section(np.concatenate([on_float, [(3.0, -1.48, 0.0)]]), track, line())
+    assert near["boom_points"] == points + 1
+    assert near["boom_rms_m"] == pytest.approx(0.98 / np.sqrt(points + 1), abs=0.02)
+
+
+@pytest.mark.parametrize(("until_m", "coverage"), [(20.1, 0.3333), (21.1, 0.3333), (21.3, 0.25)])
+def test_floats_beyond_the_end_of_a_track_are_not_passed(until_m: float, coverage: float) -> None:
+    """Floats of 6 m: the middle of the fourth is at 21 m. Only the first was seen."""
+    north = np.arange(-20.0, until_m, 0.2)
+    on_float = np.column_stack([np.linspace(2.0, 4.0, 5), np.full(5, -0.5), np.zeros(5)])
+    track = np.column_stack([north, np.full(len(north), -9.0), np.zeros(len(north))])
+    assert boom_section(on_float, track, line())["coverage"] == coverage
+
+
+def test_common_instants_are_equal_microseconds() -> None:
+    one = wandering(10)
+    other = Trajectory(one.stamp_ns // 1000 * 1000 + 999, one.pos_m + np.array([0.0, 0.12346, 0.0]), one.quat_wxyz)
+    assert apart(one, other) == {"poses": 10, "rms_m": 0.1235, "max_m": 0.1235}
+    later = Trajectory(other.stamp_ns + 1, other.pos_m, other.quat_wxyz)
+    assert apart(one, later) == {"poses": 0, "rms_m": None, "max_m": None}

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from sim_core.world.river import FlatBed, RiverBed, bank_parts, shoal_part
-from sim_core.world.spec import BuildingSpec, DamSpec, Intakes, RiverSpec, ShoalSpec
+from sim_core.world.spec import NEAREST_TREE_M, BuildingSpec, DamSpec, Intakes, RiverSpec, ShoalSpec
 from sim_core.world.structures import building_part, dam_parts
 
 RIVER = RiverSpec(direction_deg=126.87, through_ne_m=(10.0, 20.0), width_m=300.0, depth_m=12.0, seed=7)
@@ -110,3 +110,112 @@ def test_a_building_stands_on_the_ground() -> None:
     ground = float(PLAIN.bed_down_m(np.array(place)))
     assert vertices[:, 2].min() == pytest.approx(ground - 5.0)
     assert vertices[:, 2].max() > ground
+
+
+def test_the_edges_are_rounded_by_a_root() -> None:
+    """(a + b - sqrt((a - b)² + 1 m²)) / 2 of the bank and the depth, then of that and the land."""
+
+    def lesser(one: np.ndarray, most: float) -> np.ndarray:
+        return (one + most - np.sqrt((one - most) ** 2 + 1.0)) / 2.0
+
+    right = np.linspace(-220.0, 220.0, 89)
+    depth = lesser(0.5 * (150.0 - np.abs(right)), 12.0)
+    found = PLAIN.bed_down_m(PLAIN.place_ne_m(33.0 + 0.0 * right, right))
+    np.testing.assert_allclose(found, 0.1 - lesser(-depth, 4.0), atol=1e-9)
+
+
+def right_of(bed: RiverBed, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances along the channel and to the right."""
+    off = (place[..., :2] - bed.spec.through_ne_m) @ (1.0, 1j) * np.exp(-1j * bed.direction_rad)
+    return off.real, off.imag
+
+
+@pytest.mark.parametrize(
+    ("width_m", "cell_m", "shore_m", "cells"),
+    [(300.0, None, 34.0, 46), (300.0, 4.0, 40.0, 28), (40.0, None, 20.0, 0)],
+)
+def test_triangles_are_small_at_the_shores_and_twice_as_large_between(
+    width_m: float, cell_m: float | None, shore_m: float, cells: int
+) -> None:
+    """A shore reaches to where the bank meets the bed, 24 m, and four cells farther, but not beyond the middle."""
+    bed = RiverBed.from_spec(replace(RIVER, width_m=width_m, along_m=(-50.0, 80.0), beside_m=20.0))
+    along, right = right_of(bed, np.concatenate([mesh.vertices_m for mesh in bed.meshes(cell_m)]))
+    near, edge = cell_m or 2.5, width_m / 2.0
+    rows, columns = np.unique(np.round(along, 6)), np.unique(np.round(right, 6))
+    np.testing.assert_allclose(rows, np.linspace(-50.0, 80.0, round(130.0 / near) + 1), atol=1e-5)
+    bank = np.linspace(edge - shore_m, edge + 20.0, round((shore_m + 20.0) / near) + 1)
+    middle = np.linspace(shore_m - edge, edge - shore_m, cells + 1) if cells else np.zeros(1)
+    np.testing.assert_allclose(columns, np.unique(np.round([*-bank, *middle, *bank], 6)), atol=1e-5)
+
+
+def test_trees_have_their_proportions_and_stand_half_a_metre_deep_on_both_banks() -> None:
+    planted = RiverBed.from_spec(replace(RIVER, trees=60, rocks=80, along_m=(-50.0, 70.0), beside_m=25.0), 0.1)
+    trunks, crowns, rocks = (part.mesh.vertices_m for part in bank_parts(planted))
+    trunks, crowns, rocks = (
+        vertices.reshape(count, -1, 3) for vertices, count in ((trunks, 60), (crowns, 60), (rocks, 80))
+    )
+    place = trunks[..., :2].mean(axis=1)
+    along, right = right_of(planted, place)
+    assert (right[::2] < -150.0).all()
+    assert (right[1::2] > 150.0).all()
+    beyond_m = np.abs(right) - 150.0
+    for value, low, high in ((along, -50.0, 70.0), (beyond_m, NEAREST_TREE_M, 25.0)):
+        assert low < value.min() < low + 0.15 * (high - low) < high - 0.15 * (high - low) < value.max() < high
+    # Trunk: down to 0.5 m below the ground, up to 0.45 of the tree's height, with a radius of 2 % of it and 5 cm
+    ground = planted.bed_down_m(place)
+    np.testing.assert_allclose(trunks[..., 2].max(axis=1), ground + 0.5, atol=1e-9)
+    height = (ground - trunks[..., 2].min(axis=1)) / 0.45
+    assert 5.0 <= height.min() < 6.0 < 13.0 < height.max() <= 14.0
+    radius = np.linalg.norm(trunks[..., :2] - place[:, None], axis=-1).max(axis=1)
+    np.testing.assert_allclose(radius, 0.02 * height + 0.05, rtol=1e-6)
+    # Crown: an ellipsoid about 0.68 of the height, roughened by a fifth
+    off = (crowns - np.column_stack([place, ground - 0.68 * height])[:, None]) / height[:, None, None]
+    half, spread = np.abs(off[..., 2]).max(axis=1), np.linalg.norm(off[..., :2], axis=-1).max(axis=1)
+    assert 0.32 * 0.8 <= half.min() < half.max() <= 0.32 * 1.2
+    assert 0.15 * 0.8 <= spread.min() < 0.2 < 0.29 < spread.max() <= 0.3 * 1.2
+    # Rocks: 0.4 to 1.8 m at the waterlines
+    middle = rocks.mean(axis=1)
+    _, right = right_of(planted, middle)
+    beyond_m = np.abs(right) - 150.0
+    assert -3.4 < beyond_m.min() < -2.0 < 5.0 < beyond_m.max() < 6.4
+    np.testing.assert_allclose(middle[:, 2], planted.bed_down_m(middle[:, :2]), atol=0.5)
+    size = np.linalg.norm(rocks - middle[:, None], axis=-1).max(axis=1)
+    assert 0.4 * 0.85 < size.min() < 0.6 < 1.5 < size.max() < 1.8 * 1.25
+
+
+class Middle:
+    """Draws the middle of each range."""
+
+    def uniform(self, low: float, high: float, size: tuple[int, ...] | None = None) -> np.ndarray | float:
+        middle = (low + high) / 2.0
+        return middle if size is None else np.full(size, middle)
+
+
+@pytest.mark.parametrize(("bed_m", "deep_m", "wider"), [(4.1, 4.0, 1 / 0.6), (-1.0, 0.0, 1.0)])
+def test_rocks_of_a_shoal_have_their_size_at_the_water(bed_m: float, deep_m: float, wider: float) -> None:
+    """1 m above the water and 4 m below it: at the waterline, sqrt(1 - 0.8²) of the middle's width."""
+    strip = replace(STRIP, height_m=(0.5, 1.5))
+    rocks = shoal_part(FlatBed(bed_m), 0.1, strip, Middle()).mesh.vertices_m.reshape(5, -1, 3)  # type: ignore[arg-type]
+    for number, rock in enumerate(rocks):
+        middle = (4.0 * number + 2.0, 4.0 * number + 2.0, 0.1 + deep_m)
+        np.testing.assert_allclose((rock.min(axis=0) + rock.max(axis=0)) / 2.0, middle, atol=0.05)
+        half = np.sort((rock.max(axis=0) - rock.min(axis=0)) / 2.0)
+        np.testing.assert_allclose(half, np.sort([1.0 + deep_m, 1.5 * wider, 0.85 * 1.5 * wider]), rtol=0.03)
+
+
+def test_rocks_of_a_shoal_are_spread_over_the_width_of_its_strip() -> None:
+    strip = replace(STRIP, count=200, from_ne_m=(3.0, 4.0), to_ne_m=(63.0, 84.0), width_m=10.0)
+    rocks = shoal_part(FlatBed(2.0), 0.1, strip, np.random.default_rng(2)).mesh.vertices_m.reshape(200, -1, 3)
+    off = (rocks.mean(axis=1)[:, :2] - (3.0, 4.0)) @ np.array([(0.6, -0.8), (0.8, 0.6)])
+    np.testing.assert_allclose(off[:, 0], 0.25 + 0.5 * np.arange(200), atol=0.3)
+    assert -5.3 < off[:, 1].min() < -4.5 < 4.5 < off[:, 1].max() < 5.3
+
+
+def test_the_undulation_has_wavelengths_of_15_to_70_metres_in_all_directions() -> None:
+    ratio = (70.0 / 15.0) ** (1.0 / 11.0)
+    np.testing.assert_allclose(
+        2.0 * math.pi / np.linalg.norm(BED.wave_vector_radpm, axis=1), 15.0 * ratio ** np.arange(12)
+    )
+    turn = np.arctan2(BED.wave_vector_radpm[:, 1], BED.wave_vector_radpm[:, 0]) % (2.0 * math.pi)
+    for angles in (turn, BED.phase_rad):
+        assert set((angles // (0.5 * math.pi)).tolist()) == {0.0, 1.0, 2.0, 3.0}

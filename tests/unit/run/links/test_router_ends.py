@@ -120,6 +120,10 @@ def test_stations_that_it_sends_to_hear_vessels_and_are_listed() -> None:
             report = made.report()
             assert (report["frames_in"], report["frames_out"]) == (1, 1)
             assert report["systems"] == {"3": f"udp://127.0.0.1:{vessel.getsockname()[1]}"}
+            with socket.create_connection(port_of(listening)) as caller:
+                caller.sendall(frame(255, GCS, 190))
+                until(made, lambda: made.counts.stations == 1)
+                assert made.stations == (listening, url), "neither vessels nor those that call"
         finally:
             made.close()
 
