@@ -120,7 +120,7 @@ CAUSES = (
     ),
     CauseRule(
         _HIT,
-        (*_HIT, *_ERRORS, *_EKF, *_ACTED, *_PX4, "gnss", "sensors", "vibration", "radio", "control", "power"),
+        (*_HIT, *_ERRORS, *_EKF, *_ACTED, *_PX4, *_DRIVEN, "gnss", "sensors", "vibration", "radio", "control", "power"),
         15.0,
     ),
     CauseRule(("attitude.rolling",), ("control", "radio", "actuation.unanswered", "missions.unfinished"), 15.0),

@@ -337,10 +337,14 @@ def pressure_steps(baro: SensorSeries, least_pa: float) -> list[SensorStep]:
 
 def _without_holds(sensor: SensorSeries, rows: list[int], sizes: list[Floats]) -> tuple[list[int], list[Floats]]:
     """The steps without the jump at the end of a time in which a sensor held one value."""
+    return _apart_from(sensor, rows, sizes, _held_spans(sensor))
+
+
+def _held_spans(sensor: SensorSeries) -> list[tuple[int, int]]:
+    """First and last stamp of each time in which a sensor repeated one value."""
     period_s = float(np.median(np.diff(sensor.stamp_ns))) * 1e-9
     holds = find_holds(sensor.values, max(period_s, 1e-3)).holds
-    spans_ns = [(int(sensor.stamp_ns[hold.first]), int(sensor.stamp_ns[hold.last])) for hold in holds]
-    return _apart_from(sensor, rows, sizes, spans_ns)
+    return [(int(sensor.stamp_ns[hold.first]), int(sensor.stamp_ns[hold.last])) for hold in holds]
 
 
 def _apart_from(
@@ -460,7 +464,12 @@ def gyro_steps(
     for axis, (angle, moving) in enumerate(zip(known, turns, strict=True)):
         if angle is None:
             continue
-        apart = np.cumsum(moving) - angle
+        good = np.flatnonzero(np.isfinite(angle))
+        if not len(good):
+            continue
+        # Between the first and the last known angle. The gyroscope turns by less than half a turn more or less.
+        within = np.arange(good[0], good[-1] + 1)
+        apart = np.interp(within, good, np.unwrap((np.cumsum(moving) - angle)[good]))
         rows, sizes = _slope_steps(apart)
         if not rows:
             # A slope (rad/s) that both halves show is a bias from the start on.
@@ -470,7 +479,7 @@ def gyro_steps(
             if np.prod(slopes) > 0.0 and abs(lasting) > GYRO_STEP_RADPS:
                 rows, sizes = [0], [lasting]
         whole = [np.eye(3)[axis] * size for size in sizes]
-        steps += paired_steps([int(at_ns[row]) for row in rows], whole)
+        steps += paired_steps([int(at_ns[within[row]]) for row in rows], whole)
     return sorted(steps, key=lambda step: step.from_ns)
 
 
@@ -488,7 +497,7 @@ def _grid(unit: InertialUnit, roll_deg: Series, pitch_deg: Series) -> Stamps | N
 def _heading(
     compass: SensorSeries, at_ns: Stamps, phi: Floats, theta: Floats, field: Sequence[SensorStep]
 ) -> Floats | None:
-    """Magnetic heading (rad, unwrapped), corrected for tilt."""
+    """Magnetic heading (rad, wrapped), corrected for tilt; NaN while the compass repeats one value."""
     values = compass.values.copy()
     for step in field:
         until_ns = compass.stamp_ns[-1] + 1 if step.until_ns is None else step.until_ns
@@ -499,12 +508,10 @@ def _heading(
     x, y, z = series.interpolated(at_ns).T
     level_x = x * np.cos(theta) + (y * np.sin(phi) + z * np.cos(phi)) * np.sin(theta)
     level_y = y * np.cos(phi) - z * np.sin(phi)
-    heading = np.arctan2(-level_y, level_x)
-    if not np.isfinite(heading).any():
-        return None
-    good = np.isfinite(heading)
-    unwrapped: Floats = np.interp(np.arange(len(heading)), np.flatnonzero(good), np.unwrap(heading[good]))
-    return unwrapped
+    heading: Floats = np.arctan2(-level_y, level_x)
+    for begin_ns, end_ns in _held_spans(compass):
+        heading[(at_ns > begin_ns) & (at_ns <= end_ns + round(1e9 / _SLOPE_RATE_HZ))] = np.nan
+    return heading
 
 
 def _slope_steps(apart: Floats) -> tuple[list[int], list[float]]:
