@@ -61,6 +61,14 @@ CUT = (
 )
 
 
+def test_thrust_that_seems_lost_from_a_collision_on_is_its_consequence() -> None:
+    hit = finding("attitude.contact", 64.9, severity=CRITICAL)
+    lost = finding("actuation.thrust_loss", (64.8, 89.0))
+    assert shape(group_findings(Report((log(lost, hit),)))) == [("attitude.contact", ["actuation.thrust_loss"])]
+    before = finding("actuation.thrust_loss", (55.0, 89.0))
+    assert shape(group_findings(Report((log(before, hit),)))) == [("actuation.thrust_loss", ["attitude.contact"])]
+
+
 def test_a_notice_explains_a_worse_finding_only_if_nothing_worse_does() -> None:
     missing = finding("sensors.missing", 16.0, 40.0, 57.0, severity=NOTICE)
     refused = finding("estimator.position_refused", (58.0, 68.0), severity=CRITICAL)

@@ -185,6 +185,24 @@ def test_interference_of_the_compass_is_no_bias_of_the_gyroscope(until_s: float)
     assert gyro_steps(unit(), level(), level(), off, field_steps(rotations(unit()), off)) == []
 
 
+@pytest.mark.parametrize("until_s", [78.0, END_S + 1.0])
+@pytest.mark.parametrize("bias_degps", [0.0, 3.0])
+def test_a_compass_that_repeats_a_value_shows_no_other_bias_of_the_gyroscope(bias_degps: float, until_s: float) -> None:
+    """The bias begins before the compass stops, while the vessel circles."""
+    rates = np.zeros((len(unit().stamp_ns), 3))
+    rates[:, 2] = 0.3 + np.radians(bias_degps) * (unit().stamp_ns >= 40 * S)
+    circling, time_s = replace(unit(), gyro_radps=rates), np.arange(0.0, END_S, 0.1)
+    north, _, down = FIELD_MGAUSS
+    psi = 0.3 * time_s
+    body = np.stack([north * np.cos(psi), -north * np.sin(psi), np.full(len(psi), down)], axis=1)
+    held = (time_s >= 60.0) & (time_s < until_s)
+    body[held] = body[np.flatnonzero(held)[0]]
+    steps = gyro_steps(circling, level(), level(), series("magnetometer", "mGauss", time_s, body))
+    assert [(step.from_ns / S, np.degrees(step.size[2]), step.until_ns) for step in steps] == (
+        [(pytest.approx(40.0, abs=0.5), pytest.approx(bias_degps, abs=0.2), None)] if bias_degps else []
+    )
+
+
 def test_a_compass_that_is_off_in_circles_is_no_bias_of_the_gyroscope() -> None:
     """An error that far exceeds the level field hides the turns: the heading hardly changes any more."""
     rates = np.zeros((len(unit().stamp_ns), 3))
