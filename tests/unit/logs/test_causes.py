@@ -61,6 +61,14 @@ CUT = (
 )
 
 
+@pytest.mark.parametrize(("severity", "explains"), [(NOTICE, False), (WARNING, True)])
+def test_only_many_missing_samples_explain_a_bias(severity: Severity, explains: bool) -> None:
+    missing = finding("sensors.missing", (10.0, 50.0), severity=severity)
+    bias = finding("sensors.gyro_bias", (40.0, 90.0))
+    groups = dict(shape(group_findings(Report((log(missing, bias),)))))
+    assert groups["sensors.missing"] == (["sensors.gyro_bias"] if explains else [])
+
+
 def test_thrust_that_seems_lost_from_a_collision_on_is_its_consequence() -> None:
     hit = finding("attitude.contact", 64.9, severity=CRITICAL)
     lost = finding("actuation.thrust_loss", (64.8, 89.0))

@@ -34,6 +34,8 @@ class CauseRule:
     after_s: float
     to_its_end: bool = False
     """Whether a state explains findings as long as it lasts."""
+    least: Severity = Severity.NOTICE
+    """Least severity of the cause."""
 
 
 WHOLE_LOG = math.inf
@@ -148,9 +150,10 @@ CAUSES = (
     CauseRule(  # samples that are missing do not stop a sensor
         ("sensors.slow", "sensors.missing"),
         ("sensors.slow", "sensors.missing", "sensors.gap", "sensors.errors", "sensors.unhealthy", "sensors.disagree",
-         "sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", *_DEPARTED, *_MISLED),
+         "sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", *_MISLED),
         10.0,
     ),
+    CauseRule(("sensors.slow", "sensors.missing"), _DEPARTED, 10.0, least=Severity.WARNING),
     CauseRule(
         _DEPARTED,
         ("sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", "sensors.disagree", "gnss",
@@ -350,10 +353,14 @@ def _cause(effect: _Placed, every: Sequence[_Placed]) -> int | None:
 
 
 @lru_cache(4096)  # a log with hundreds of findings has few kinds of them
-def _reach(cause_key: str, key: str) -> tuple[float, bool] | None:
-    """Time in which a finding of one kind can cause one of another, by the rule that allows most, and whether a state
-    does to its end; None if no rule allows it."""
-    allowed = [rule for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
+def _reach(cause_key: str, severity: Severity, key: str) -> tuple[float, bool] | None:
+    """Time in which a finding of one kind and severity can cause one of another kind, by the rule that allows most, and
+    whether a state does to its end; None if no rule allows it."""
+    allowed = [
+        rule
+        for rule in CAUSES
+        if is_kind(cause_key, rule.causes) and severity >= rule.least and is_kind(key, rule.consequences)
+    ]
     if not allowed or is_kind(cause_key, _MEASURES):
         return None
     return max(rule.after_s for rule in allowed), any(rule.to_its_end for rule in allowed)
@@ -367,7 +374,7 @@ def _explaining_span(effect: _Placed, cause: _Placed) -> tuple[float, float] | N
     key, cause_key = effect.found.finding.key, cause.found.finding.key
     if key in _ANSWERS and not is_kind(cause_key, _ANSWERS[key]):
         return None
-    reach = _reach(cause_key, key)
+    reach = _reach(cause_key, cause.found.finding.severity, key)
     if reach is None:
         return None
     reach_s, to_its_end = reach
