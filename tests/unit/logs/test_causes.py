@@ -62,11 +62,15 @@ CUT = (
 
 
 @pytest.mark.parametrize(("severity", "explains"), [(NOTICE, False), (WARNING, True)])
-def test_only_many_missing_samples_explain_a_bias(severity: Severity, explains: bool) -> None:
+@pytest.mark.parametrize("key", ["sensors.gyro_bias", "actuation.reversed", "estimator.position_lost"])
+def test_only_many_missing_samples_explain_more_than_other_sensors(
+    key: str, severity: Severity, explains: bool
+) -> None:
     missing = finding("sensors.missing", (10.0, 50.0), severity=severity)
-    bias = finding("sensors.gyro_bias", (40.0, 90.0))
-    groups = dict(shape(group_findings(Report((log(missing, bias),)))))
-    assert groups["sensors.missing"] == (["sensors.gyro_bias"] if explains else [])
+    groups = dict(shape(group_findings(Report((log(missing, finding(key, (46.0, 90.0))),)))))
+    assert groups["sensors.missing"] == ([key] if explains else [])
+    (unhealthy,) = group_findings(Report((log(missing, finding("sensors.unhealthy", 45.0)),)))
+    assert shape([unhealthy]) == [("sensors.missing", ["sensors.unhealthy"])]
 
 
 def test_thrust_that_seems_lost_from_a_collision_on_is_its_consequence() -> None:
@@ -78,13 +82,13 @@ def test_thrust_that_seems_lost_from_a_collision_on_is_its_consequence() -> None
 
 
 def test_a_notice_explains_a_worse_finding_only_if_nothing_worse_does() -> None:
-    missing = finding("sensors.missing", 16.0, 40.0, 57.0, severity=NOTICE)
+    shaken = finding("vibration.high", 16.0, 40.0, 57.0, severity=NOTICE)
     refused = finding("estimator.position_refused", (58.0, 68.0), severity=CRITICAL)
     jump = finding("gnss.jump", 57.9)
-    assert shape(group_findings(Report((log(missing, refused),)))) == [("sensors.missing", [refused.key])]
-    assert shape(group_findings(Report((log(missing, jump, refused),)))) == [
+    assert shape(group_findings(Report((log(shaken, refused),)))) == [("vibration.high", [refused.key])]
+    assert shape(group_findings(Report((log(shaken, jump, refused),)))) == [
         ("gnss.jump", [refused.key]),
-        ("sensors.missing", []),
+        ("vibration.high", []),
     ]
     on_purpose = finding("faults.injected", (57.0, 70.0), severity=NOTICE)
     groups = shape(group_findings(Report((log(on_purpose, jump, refused),))))

@@ -106,11 +106,11 @@ def test_gps_time_against_the_autopilots_clock() -> None:
 
 
 def test_the_arrival_of_a_fix_comes_from_its_accuracy_message() -> None:
-    gps = MadeTable("GPS", SECOND * np.array([1, 2, 3, 4, 5, 6]), gps_columns(UTC_S + np.arange(6.0)))
-    gpa = MadeTable("GPA", SECOND * np.array([6, 1, 2, 4, 5]), {"SMS": [5900, 900, 1900, 1900, 0]})
+    gps = MadeTable("GPS", SECOND * np.array([1, 2, 3, 4, 5, 6, 7]), gps_columns(UTC_S + np.arange(7.0)))
+    gpa = MadeTable("GPA", SECOND * np.array([6, 1, 2, 4, 5, 7]), {"SMS": [5900, 900, 1900, 1900, 0, 6810]})
     one = found(MadeLog(gps, gpa))["gps"]
-    # The third fix has no GPA, the arrival of the fifth is unknown. Only neighbours can be logged twice.
-    assert one.second_ns.tolist() == [900 * MS, 1900 * MS, 1900 * MS, 5900 * MS]
+    # The third fix has no GPA, the fourth has the arrival of the second, and that of the fifth is unknown.
+    assert one.second_ns.tolist() == [900 * MS, 1900 * MS, 5900 * MS, 6810 * MS]
     assert (one.message, one.fields) == ("GPA", "GPS.GWk, GPS.GMS, SMS")
 
 

@@ -93,12 +93,12 @@ def test_windows_vary_by_their_sample_deviation() -> None:
 
 
 def test_a_small_move_of_utc_is_no_step_but_of_another_clock_it_is() -> None:
-    sizes_s = (0.05, 0.0501, -0.0499, -0.2, 0.0, 1e-4)
+    sizes_s = (0.25, 0.2501, -0.2499, -0.4, 0.0, 1e-4)
     steps = tuple(step(float(at_s), size_s) for at_s, size_s in enumerate(sizes_s, start=10))
     pieces = [piece(0.0, 1.0)] * 7
-    assert [one.size_s for one in real_steps(relation(*pieces, steps=steps, key="rtc"))] == [0.0501, -0.2]
+    assert [one.size_s for one in real_steps(relation(*pieces, steps=steps, key="rtc"))] == [0.2501, -0.4]
     assert [one.size_s for one in real_steps(relation(*pieces, steps=steps, key="gps"))] == [
-        0.05, 0.0501, -0.0499, -0.2, 1e-4,
+        0.25, 0.2501, -0.2499, -0.4, 1e-4,
     ]  # fmt: skip
 
 

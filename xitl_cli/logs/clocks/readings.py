@@ -120,6 +120,7 @@ MOST_TOPICS = 6
 STAMP = "header.stamp"
 SAMPLED = ("IMU", "BARO", "MAG", "GPS")
 GPS_SLACK_S = 20e-3  # between two loops, behind other messages: fixes arrive this unevenly
+LONGER_WAIT_NS = 100_000_000  # of a fix for its row in the log, beyond the usual time
 LONGEST_TRIP_S = 10.0
 LONGEST_TOPIC = 500_000  # rows; stamps need the whole topic to be read
 BOOTED = ("ATTITUDE", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "RC_CHANNELS", "SCALED_IMU2")
@@ -174,6 +175,9 @@ def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings
         rows = _matching(at_ns, arrival.stamp_ns)
         came_ns = np.where(rows >= 0, whole_numbers(arrival, "SMS")[np.maximum(rows, 0)] * 1_000_000, -1)
         set_ &= (rows >= 0) & (came_ns > 0)
+        # TimeUS is of the same clock: an arrival that is too early belongs to an earlier message.
+        waited_ns = at_ns - came_ns
+        set_ &= waited_ns < np.median(waited_ns[set_] if set_.any() else waited_ns) + LONGER_WAIT_NS
         message, field = "GPA", "GPS.GWk, GPS.GMS, SMS"
     set_[1:] &= came_ns[1:] != came_ns[:-1]  # a message logged twice, or a backlog that arrived at once
     clocks = "gps" if number == 0 else f"gps.{number}", f"GPS {number + 1}", AUTOPILOT

@@ -150,10 +150,10 @@ CAUSES = (
     CauseRule(  # samples that are missing do not stop a sensor
         ("sensors.slow", "sensors.missing"),
         ("sensors.slow", "sensors.missing", "sensors.gap", "sensors.errors", "sensors.unhealthy", "sensors.disagree",
-         "sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", *_MISLED),
+         "sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift"),
         10.0,
     ),
-    CauseRule(("sensors.slow", "sensors.missing"), _DEPARTED, 10.0, least=Severity.WARNING),
+    CauseRule(("sensors.slow", "sensors.missing"), (*_DEPARTED, *_MISLED), 10.0, least=Severity.WARNING),
     CauseRule(
         _DEPARTED,
         ("sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", "sensors.disagree", "gnss",
@@ -163,6 +163,12 @@ CAUSES = (
     CauseRule(
         ("sensors.gyro_bias",),  # the gyroscope turns the force that is compared with the receiver's velocity
         ("sensors.accel_bias",),
+        30.0,
+        to_its_end=True,
+    ),
+    CauseRule(  # the estimate tilts, and its roll and pitch then differ from the turns of the gyroscope
+        ("sensors.accel_bias",),
+        ("sensors.gyro_bias",),
         30.0,
         to_its_end=True,
     ),

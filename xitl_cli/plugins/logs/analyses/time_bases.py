@@ -288,7 +288,7 @@ def _meant(per_sample_s: float, loop_hz: float | None) -> float | None:
     )
 
 
-RTC_STEP_S = 0.05  # a UTC message with a shorter delay than any before moves it ahead, which is normal
+RTC_STEP_S = 0.25  # a UTC message with a shorter delay than any before moves it ahead by up to a period of the receiver
 
 
 def pair_title(readings: ClockReadings) -> str:
