@@ -115,10 +115,10 @@ def shut_down(log: Log, from_ns: int, until_ns: int) -> bool:
     end_ns = log.span_ns[1]
     if end_ns - from_ns > _SHUTDOWN_NS or end_ns - until_ns > _AGREES_NS:
         return False
-    ends_ns = [span.until_ns for span in signals.armed(log) if span.until_ns < end_ns]
-    is_last = len(ends_ns) == len(signals.armed(log))
-    if ends_ns and is_last and max(ends_ns) < from_ns - _AGREES_NS:
+    armed = signals.armed(log)
+    if armed and max(span.until_ns for span in armed) < from_ns - _AGREES_NS:
         return True
+    ends_ns = [span.until_ns for span in armed if span.until_ns < end_ns]
     return any(
         abs(at_ns - from_ns) <= _AGREES_NS and disarming_method(log, at_ns) not in FAILSAFE_ARMING_METHODS
         for at_ns in ends_ns
