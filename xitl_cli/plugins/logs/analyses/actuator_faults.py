@@ -59,6 +59,9 @@ fault of an actuator, it was under 40, but for 65 in a collision and 84 with a w
 _DEFIED_GAIN, _DEFIED, _DEFIED_SHARE = 55.0, 0.5, 0.7
 """Least improvement for a rudder or gear whose commands were far from where it is stuck, and how far for which share of
 the time."""
+_LEAST_APART = 0.15
+"""Least mean distance of the commands of a stuck actuator from where it is stuck. Nearer ones show errors of the model:
+in wind and current, a straight leg at 80 % of the throttle looked like a propeller that is stuck at 93 %."""
 _SEARCHED_GAIN = 40.0
 _SHORTEST_NS = 10_000_000_000
 _BRIEF_S, _BRIEF_GAIN = 5.0, 2.0
@@ -79,6 +82,9 @@ _PAUSE_NS = 10_000_000_000
 _HANDICAPS = {"reversed": (0.0, 0.0), "thrust_loss": (20.0, 0.01), "stuck": (40.0, 0.05)}
 """Improvement of the fit by which a kind must exceed one with less freedom: in units of its variance, and as share of
 the whole improvement. An actuator that is stuck at the command of its onset has no free size, and no handicap."""
+_SLOWS_S, _PUSHES, _KEPT_WAY = 5.0, 0.1, 0.7
+"""A vessel that is pushed astern by so much of one propeller's full thrust slows down in this time. The share of its
+speed that it keeps if no propeller is reversed."""
 _SAME_COMMAND = 0.05
 """Accuracy of the command at which an actuator is stuck."""
 
@@ -401,12 +407,14 @@ def unanswered_turns(motion: VesselMotion) -> list[UnansweredTurn]:
 def _certain(fault: DetectedFault, motion: VesselMotion) -> bool:
     """Whether the fault is long and large enough to exclude wind, waves and model errors."""
     until_ns = int(motion.stamp_ns[-1]) if fault.until_ns is None else fault.until_ns
-    least = LEAST_GAIN
-    if motion.steers[fault.output]:
+    least = LEAST_STEERING_GAIN if motion.steers[fault.output] else LEAST_GAIN
+    if fault.kind == "stuck":
         during = (motion.stamp_ns >= fault.from_ns) & (motion.stamp_ns <= until_ns)
         apart = np.abs(motion.commands[during, fault.output] - fault.size)
-        defied = fault.kind == "stuck" and float(np.mean(apart > _DEFIED)) >= _DEFIED_SHARE
-        least = _DEFIED_GAIN if defied else LEAST_STEERING_GAIN
+        if float(np.mean(apart)) < _LEAST_APART:
+            return False
+        if motion.steers[fault.output] and float(np.mean(apart > _DEFIED)) >= _DEFIED_SHARE:
+            least = _DEFIED_GAIN
     enough = fault.kind != "thrust_loss" or fault.size >= LEAST_LOSS
     length_ns = until_ns - (fault.from_ns if fault.began_ns is None else fault.began_ns[0])
     early = fault.from_ns - int(motion.stamp_ns[0]) < _EARLY_NS
@@ -570,6 +578,7 @@ class _Search:
         for change, sums in zip(self._changes, usual, strict=True):
             whole += change.squares - float(_explained(*change.equations(sums[:, :, -1:].copy()))[0])
         refined = self._refined(usual, self._coarse(usual, spans, self._hypotheses))
+        refined = [candidate for candidate in refined if not self._keeps_way(candidate)] or refined
         least = min(candidate.squares for candidate in refined)
         variance = least / (2.0 * float(self._sound.sum()))  # of a row
 
@@ -602,6 +611,23 @@ class _Search:
         commands = self._fit.motion.commands[begin : begin + _REACH + 1, hypothesis.output]
         within = commands.min() - _SAME_COMMAND <= hypothesis.size <= commands.max() + _SAME_COMMAND
         return hypothesis.kind == "stuck" and bool(within)
+
+    def _keeps_way(self, candidate: _Candidate) -> bool:
+        """Whether the vessel keeps its speed although a reversed propeller would push it astern."""
+        if candidate.hypothesis.kind != "reversed":
+            return False
+        rows, motion = self._fit.rows, self._fit.motion
+        begin, end = (int(rows[min(row, len(rows) - 1)]) for row in candidate.span)
+        settled = begin + round(_SLOWS_S * RATE_HZ)
+        before = slice(max(begin - round(2.0 * _SLOWS_S * RATE_HZ), 0), begin)
+        if end - settled < _SLOWS_S * RATE_HZ or begin == 0:
+            return False
+        drives = motion.commands * ~motion.steers
+        pushes = np.sum(drives * np.abs(drives), axis=1)
+        output = drives[:, candidate.hypothesis.output]
+        astern = float(np.mean((pushes - 2.0 * output * np.abs(output))[settled:end])) < -_PUSHES
+        kept = float(np.mean(motion.surge_mps[settled:end])) > _KEPT_WAY * float(np.mean(motion.surge_mps[before]))
+        return astern and kept
 
     def _onset(
         self, usual: Sequence[Floats], chosen: _Candidate, variance: float, gain: float
