@@ -2,7 +2,8 @@
 
 The estimate hides a bias, because it tilts until the force points down. The gyroscope does not. It turns the measured
 force of a window into the axes of the estimate at the middle of the window. There, the integral of the force departs
-from the velocity of the receiver by a line and a parabola (errors of the attitude), and by the bias if one begins.
+from the velocity of the receiver by four terms: a line and a parabola (errors of the attitude), the delay of the
+receiver, the motion of its antenna about the sensor, and the bias if one begins.
 """
 
 from __future__ import annotations
@@ -179,7 +180,7 @@ def _begins_elsewhere(cells: _Cells, fit: _Fit) -> bool:
 
 
 def _fitted(cells: _Cells, at: int, onset: int = 0) -> _Fit | None:
-    """Fit of line and parabola (errors of the attitude), of a bias in the whole window, and of one from `onset` on.
+    """Fit of errors of the attitude and the receiver, of a bias in the whole window, and of one from `onset` on.
 
     at: cell in the middle of the window. onset: cells after it. None if a part of the window is unknown.
     """
@@ -194,8 +195,12 @@ def _fitted(cells: _Cells, at: int, onset: int = 0) -> _Fit | None:
     line = (np.arange(2 * _HALF) - _HALF + 0.5) / _HALF
     after = (line > onset / _HALF)[:, None, None]
     axes = to_ned @ cells.turned[rows]
+    # The receiver reports an earlier velocity, which is that of its antenna.
+    delay = (accel - accel.mean(axis=0)).reshape(-1, 1)
+    antenna = -np.gradient(axes, _CELL_S, axis=0).reshape(-1, 3)
     whole, bias = (np.cumsum(part, axis=0).reshape(-1, 3) * _CELL_S for part in (axes, np.where(after, axes, 0.0)))
-    usual = np.hstack([np.kron(np.stack([np.ones(2 * _HALF), line, line**2], axis=1), np.eye(3)), whole])
+    attitude = np.kron(np.stack([np.ones(2 * _HALF), line, line**2], axis=1), np.eye(3))
+    usual = np.hstack([attitude, whole, delay, antenna])
     step = np.where(after, np.eye(3), 0.0).reshape(-1, 3)
     squares = []
     for columns in (usual, np.hstack([usual, step]), np.hstack([usual, bias])):
