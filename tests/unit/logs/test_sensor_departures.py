@@ -89,6 +89,21 @@ def test_turning_and_noise_are_no_step_of_the_field() -> None:
     assert field_steps(rotations(unit()), compass((0.0, 0.0, 0.0), 60.0, 80.0)) == []
 
 
+@pytest.mark.parametrize("late_s", [0.25, 0.0])
+def test_a_compass_that_is_late_in_a_turn_and_catches_up_is_no_step_of_the_field(late_s: float) -> None:
+    """In half a second, the lag grows to `late_s`. Then the compass is as before."""
+    rates = np.zeros((len(unit().stamp_ns), 3))
+    rates[:, 2] = 0.6
+    circling, time_s = replace(unit(), gyro_radps=rates), np.arange(0.0, END_S, 0.1)
+    north, _, down = FIELD_MGAUSS
+    seen_s = time_s - late_s * np.clip((time_s - 60.0) / 0.5, 0.0, 1.0) * (time_s < 60.75)
+    body = np.stack([north * np.cos(0.6 * seen_s), -north * np.sin(0.6 * seen_s), np.full(len(seen_s), down)], axis=1)
+    assert field_steps(rotations(circling), series("magnetometer", "mGauss", time_s, body)) == []
+    body[time_s >= 60.0] += (60.0, 0.0, 0.0)
+    (step,) = field_steps(rotations(circling), series("magnetometer", "mGauss", time_s, body))
+    assert step.from_ns == pytest.approx(60.0 * S, abs=0.8 * S)
+
+
 def test_a_turn_that_no_gyroscope_measured_is_no_step_of_the_field() -> None:
     whole = unit()
     rows = (whole.stamp_ns < 60 * S) | (whole.stamp_ns > 63 * S)

@@ -252,7 +252,7 @@ def field_steps(turns: Rotations | None, compass: SensorSeries) -> list[SensorSt
     stamp_ns, matrices = turns.stamp_ns, turns.matrices
     at = np.clip(np.searchsorted(stamp_ns, compass.stamp_ns, side="right") - 1, 0, len(stamp_ns) - 1)
     fixed = np.einsum("nij,nj->ni", matrices[at], compass.values)
-    rows, sizes = _steps(compass.stamp_ns, fixed, FIELD_STEP_MGAUSS)
+    rows, sizes = _steps(compass.stamp_ns, fixed, FIELD_STEP_MGAUSS, lasting=True)
     rows, sizes = _without_holds(compass, rows, sizes)
     # Without a gyroscope, nothing explains a turn.
     ends = np.flatnonzero(np.diff(stamp_ns) > _BLIND_NS)
@@ -360,8 +360,11 @@ def _apart_from(
     return [row for row, _ in kept], [size for _, size in kept]
 
 
-def _steps(stamp_ns: Stamps, values: Floats, least: float) -> tuple[list[int], list[Floats]]:
-    """Rows at which values (N, k) step, and each step (k,), from the fit of a level, a slope and a step."""
+def _steps(stamp_ns: Stamps, values: Floats, least: float, *, lasting: bool = False) -> tuple[list[int], list[Floats]]:
+    """Rows at which values (N, k) step, and each step (k,), from the fit of a level, a slope and a step.
+
+    lasting: only steps that are still there after the window.
+    """
     if len(stamp_ns) < 4 * _FEWEST_IN_WINDOW or not np.isfinite(values).all():
         return [], []
     period_s = float(np.median(np.diff(stamp_ns))) * 1e-9
@@ -388,9 +391,23 @@ def _steps(stamp_ns: Stamps, values: Floats, least: float) -> tuple[list[int], l
         row = begin + int(np.argmax(length[begin:after]))
         # A step is within a row or two: a ramp over the whole window is not a step.
         sides = values[max(row - 2, 0)], values[min(row + 1, len(values) - 1)]
-        if np.linalg.norm(sides[1] - sides[0]) > 0.5 * length[row]:
+        sudden = np.linalg.norm(sides[1] - sides[0]) > 0.5 * length[row]
+        if sudden and (not lasting or _lasts(values, row, half, 0.5 * length[row])):
             rows.append(row)
     return rows, [step[row] for row in rows]
+
+
+def _lasts(values: Floats, row: int, half: int, least: float) -> bool:
+    """Whether values (N, k) outside of the window of a step also differ, on one side from the mean of the other.
+
+    A sensor that is late in a turn steps when it catches up, and is then as before. An error turns with the vessel, so
+    its values do not repeat.
+    """
+    before, after = values[max(row - 3 * half, 0) : row - half], values[row + half : row + 3 * half]
+    if not len(before) or not len(after):
+        return False
+    sides = (after - before.mean(axis=0), before - after.mean(axis=0))
+    return any(float(np.median(np.linalg.norm(side, axis=1))) > least for side in sides)
 
 
 def paired_steps(at_ns: Sequence[int], sizes: Sequence[Floats]) -> list[SensorStep]:
