@@ -62,15 +62,15 @@ CUT = (
 
 
 @pytest.mark.parametrize(("severity", "explains"), [(NOTICE, False), (WARNING, True)])
-@pytest.mark.parametrize("key", ["sensors.gyro_bias", "actuation.reversed", "estimator.position_lost"])
-def test_only_many_missing_samples_explain_more_than_other_sensors(
-    key: str, severity: Severity, explains: bool
-) -> None:
+@pytest.mark.parametrize(
+    "key", ["sensors.gyro_bias", "sensors.unhealthy", "actuation.reversed", "estimator.position_lost"]
+)
+def test_only_many_missing_samples_explain_more_than_gaps(key: str, severity: Severity, explains: bool) -> None:
     missing = finding("sensors.missing", (10.0, 50.0), severity=severity)
     groups = dict(shape(group_findings(Report((log(missing, finding(key, (46.0, 90.0))),)))))
     assert groups["sensors.missing"] == ([key] if explains else [])
-    (unhealthy,) = group_findings(Report((log(missing, finding("sensors.unhealthy", 45.0)),)))
-    assert shape([unhealthy]) == [("sensors.missing", ["sensors.unhealthy"])]
+    (gap,) = group_findings(Report((log(missing, finding("sensors.gap", 45.0)),)))
+    assert shape([gap]) == [("sensors.missing", ["sensors.gap"])]
 
 
 def test_thrust_that_seems_lost_from_a_collision_on_is_its_consequence() -> None:

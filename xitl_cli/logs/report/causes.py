@@ -147,13 +147,14 @@ CAUSES = (
         ("sensors", *_MISLED),
         10.0,
     ),
-    CauseRule(  # samples that are missing do not stop a sensor
+    CauseRule(("sensors.slow", "sensors.missing"), ("sensors.slow", "sensors.missing", "sensors.gap"), 10.0),
+    CauseRule(  # many missing samples; they do not stop a sensor
         ("sensors.slow", "sensors.missing"),
-        ("sensors.slow", "sensors.missing", "sensors.gap", "sensors.errors", "sensors.unhealthy", "sensors.disagree",
-         "sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift"),
+        ("sensors.errors", "sensors.unhealthy", "sensors.disagree", "sensors.compasses_disagree",
+         "sensors.field_changes", "sensors.barometers_drift", *_DEPARTED, *_MISLED),
         10.0,
+        least=Severity.WARNING,
     ),
-    CauseRule(("sensors.slow", "sensors.missing"), (*_DEPARTED, *_MISLED), 10.0, least=Severity.WARNING),
     CauseRule(
         _DEPARTED,
         ("sensors.compasses_disagree", "sensors.field_changes", "sensors.barometers_drift", "sensors.disagree", "gnss",

@@ -82,9 +82,9 @@ _PAUSE_NS = 10_000_000_000
 _HANDICAPS = {"reversed": (0.0, 0.0), "thrust_loss": (20.0, 0.01), "stuck": (40.0, 0.05)}
 """Improvement of the fit by which a kind must exceed one with less freedom: in units of its variance, and as share of
 the whole improvement. An actuator that is stuck at the command of its onset has no free size, and no handicap."""
-_SLOWS_S, _PUSHES, _KEPT_WAY = 5.0, 0.1, 0.7
-"""A vessel that is pushed astern by so much of one propeller's full thrust slows down in this time. The share of its
-speed that it keeps if no propeller is reversed."""
+_SLOWS_S, _PUSHES, _WAY_MPS = 5.0, 0.05, 1.0
+"""A propeller is not reversed if a vessel that it would push astern, by so much of one propeller's full thrust, goes
+ahead at so many m/s over ground in the second half of the fault, which is at least so long."""
 _SAME_COMMAND = 0.05
 """Accuracy of the command at which an actuator is stuck."""
 
@@ -618,16 +618,13 @@ class _Search:
             return False
         rows, motion = self._fit.rows, self._fit.motion
         begin, end = (int(rows[min(row, len(rows) - 1)]) for row in candidate.span)
-        settled = begin + round(_SLOWS_S * RATE_HZ)
-        before = slice(max(begin - round(2.0 * _SLOWS_S * RATE_HZ), 0), begin)
-        if end - settled < _SLOWS_S * RATE_HZ or begin == 0:
+        middle = (begin + end) // 2
+        if end - middle < _SLOWS_S * RATE_HZ:
             return False
-        drives = motion.commands * ~motion.steers
-        pushes = np.sum(drives * np.abs(drives), axis=1)
-        output = drives[:, candidate.hypothesis.output]
-        astern = float(np.mean((pushes - 2.0 * output * np.abs(output))[settled:end])) < -_PUSHES
-        kept = float(np.mean(motion.surge_mps[settled:end])) > _KEPT_WAY * float(np.mean(motion.surge_mps[before]))
-        return astern and kept
+        drives = motion.commands[middle:end] * ~motion.steers
+        pushes = drives * np.abs(drives)
+        reversed_pushes = pushes.sum(axis=1) - 2.0 * pushes[:, candidate.hypothesis.output]
+        return float(np.mean(reversed_pushes)) < -_PUSHES and float(np.mean(motion.surge_mps[middle:end])) > _WAY_MPS
 
     def _onset(
         self, usual: Sequence[Floats], chosen: _Candidate, variance: float, gain: float
