@@ -172,6 +172,16 @@ def test_a_damaged_pressure_holds_no_other():
     assert "sensors.stuck" not in keys(report(imu(), baro(pressure_pa), moving))
 
 
+def test_a_barometer_whose_means_of_one_value_are_rounded_is_stuck():
+    noise = np.random.default_rng(4).standard_normal(len(stamps(60.0)))
+    pressure_pa = (100_600.0 + noise).astype(np.float32)
+    moving = MadeTable("GPS", stamps(60.0, 5.0), {"Spd": np.full(300, 2.0)})
+    neighbours = np.nextafter(pressure_pa[1500], np.float32([0.0, np.inf]))
+    pressure_pa[1500:2000] = pressure_pa[1500]
+    pressure_pa[1510:1990:7], pressure_pa[1513:1990:11] = neighbours
+    assert keys(report(imu(), baro(pressure_pa.astype(np.float64)), moving)) == ["sensors.stuck"]
+
+
 def test_the_table_shows_the_share_of_repeated_rows():
     pressure_pa = 100_600.0 + 0.1 * np.arange(len(stamps(60.0)))
     pressure_pa[1::2] = pressure_pa[::2]
