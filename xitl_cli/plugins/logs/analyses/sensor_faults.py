@@ -57,8 +57,8 @@ def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps, log: Log) ->
     else:
         sort, message, field = each.sort, each.message, each.fields[0]
         values, rate_hz = each.values, None
-    # The mean of equal pressures in single precision is that number or one of its two neighbours.
-    resolution = 2.0 * float(np.spacing(np.float32(np.nanmedian(np.abs(values))))) if sort == "barometer" else 0.0
+    # The mean of equal pressures in single precision is that number or one of its neighbours.
+    resolution = 4.0 * float(np.spacing(np.float32(np.nanmedian(np.abs(values))))) if sort == "barometer" else 0.0
     return JudgedSensor(
         name=each.name,
         sort=sort,
