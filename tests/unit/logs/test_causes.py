@@ -73,6 +73,11 @@ def test_only_many_missing_samples_explain_more_than_gaps(key: str, severity: Se
     assert shape([gap]) == [("sensors.missing", ["sensors.gap"])]
 
 
+def test_a_wrong_velocity_explains_a_bias_that_is_measured_by_it() -> None:
+    wrong, bias = finding("gnss.velocity_off", (28.7, 40.0)), finding("sensors.accel_bias", (30.2, 60.0))
+    assert shape(group_findings(Report((log(bias, wrong),)))) == [("gnss.velocity_off", ["sensors.accel_bias"])]
+
+
 def test_thrust_that_seems_lost_from_a_collision_on_is_its_consequence() -> None:
     hit = finding("attitude.contact", 64.9, severity=CRITICAL)
     lost = finding("actuation.thrust_loss", (64.8, 89.0))

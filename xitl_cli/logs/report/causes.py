@@ -131,8 +131,8 @@ CAUSES = (
     CauseRule(("gnss.fix_lost", "gnss.silent"), ("sensors.gap",), 10.0),  # of an external AHRS, which needs fixes
     CauseRule(
         ("gnss",),
-        ("gnss", "control", "radio.saturated", "radio.too_slow", "events.error.11", "events.said.sensor",
-         "arming.refused", *_DRIVEN, *_EKF, *_ACTED),
+        ("gnss", "sensors.accel_bias", "control", "radio.saturated", "radio.too_slow", "events.error.11",
+         "events.said.sensor", "arming.refused", *_DRIVEN, *_EKF, *_ACTED),
         30.0,
     ),
     CauseRule(
