@@ -301,15 +301,6 @@ class RecordingLosses(Losses):
     redefined: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class LooseDescriptions:
-    """Schemas and channels of consecutive records outside of any chunk."""
-
-    place: int
-    schemas: list[SchemaRecord]
-    channels: list[ChannelRecord]
-
-
 @dataclass(slots=True)
 class RecordingIndex:
     """Index of a recording."""
@@ -326,8 +317,9 @@ class RecordingIndex:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     others: list[OtherRecord] = field(default_factory=list)
     """Metadata and private records."""
-    loose: list[LooseDescriptions] = field(default_factory=list)
-    """Schemas and channels outside of chunks, in the order of the file."""
+    loose_schemas: dict[int, int] = field(default_factory=dict)
+    """First position outside of chunks by id, in the order of the file."""
+    loose_channels: dict[int, int] = field(default_factory=dict)
     closed: bool = False
     """The writer has finished the file."""
     summarized: bool = False
@@ -1125,8 +1117,10 @@ class Walk:
             found = scan(data, 0, len(data), None, loose=True)
             size = len(data) - found.cut
             self._describe(found.schemas, found.channels)
-            if found.schemas or found.channels:
-                self._index.loose.append(LooseDescriptions(at, found.schemas, found.channels))
+            for schema in found.schemas:
+                self._index.loose_schemas.setdefault(schema.id, at)
+            for channel in found.channels:
+                self._index.loose_channels.setdefault(channel.id, at)
             if len(found.rows.size) and len(self._index.chunks) < MOST_CHUNKS:
                 chunk = Chunk(at, size, at, size, size, "", 0, 2**63 - 1, loose=True)
                 self._index.chunks.append(chunk)

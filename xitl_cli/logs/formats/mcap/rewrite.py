@@ -29,7 +29,6 @@ from xitl_cli.logs.formats.mcap.container import (
     Chunk,
     ChunkContent,
     Chunks,
-    LooseDescriptions,
     OtherRecord,
     RecordingIndex,
     SchemaRecord,
@@ -64,19 +63,15 @@ def examine(index: RecordingIndex, chunks: Chunks) -> None:
     """Read the content of all chunks, so that the index's losses are complete, and check the file's own index against
     it."""
     counts: dict[int, int] = {}
-    loose = deque(index.loose)
+    loose_schemas, loose_channels = deque(index.loose_schemas.items()), deque(index.loose_channels.items())
     schemas, channels = {0}, set[int]()
     for chunk in index.chunks:
         indexed = bool(chunk.index_places)
         content = _content(chunks, chunk)
         if indexed and not chunk.index_places and chunks.is_sound(chunk):
             index.losses.note(chunk.place, 0, "a message index does not match its chunk")
-        described: list[LooseDescriptions | ChunkContent] = [content]
-        while loose and loose[0].place <= chunk.place:
-            described.append(loose.popleft())
-        for part in described:
-            schemas |= {schema.id for schema in part.schemas}
-            channels |= {channel.id for channel in part.channels}
+        schemas |= {schema.id for schema in content.schemas} | _taken_until(chunk.place, loose_schemas)
+        channels |= {channel.id for channel in content.channels} | _taken_until(chunk.place, loose_channels)
         in_chunk = _counts(content.rows.channel)
         for channel, count in in_chunk:
             counts[channel] = counts.get(channel, 0) + count
@@ -88,6 +83,14 @@ def examine(index: RecordingIndex, chunks: Chunks) -> None:
             schemas |= index.schemas.keys()
     if {channel: count for channel, count in counts.items() if channel in index.channels} != index.counts:
         index.losses.note(0, 0, "the message counts of the summary are wrong")
+
+
+def _taken_until(place: int, described: deque[tuple[int, int]]) -> set[int]:
+    """Take the ids from the front that are described up to a position. described: id and position."""
+    ids = set[int]()
+    while described and described[0][1] <= place:
+        ids.add(described.popleft()[0])
+    return ids
 
 
 def rewrite(source: FileReader, index: RecordingIndex, chunks: Chunks, out: BinaryIO) -> Rewritten:
