@@ -218,6 +218,14 @@ def test_a_compass_that_repeats_a_value_shows_no_other_bias_of_the_gyroscope(bia
     )
 
 
+def test_a_compass_that_soon_stops_for_good_is_too_short_to_judge_the_gyroscope() -> None:
+    time_s = np.arange(0.0, END_S, 0.1)
+    right = compass((0.0, 0.0, 0.0), 0.0, 0.0)
+    held = right.values.copy()
+    held[time_s >= 12.0] = held[120]
+    assert gyro_steps(unit(np.radians(3.0), 5.0), level(), level(), replace(right, values=held)) == []
+
+
 def test_a_compass_that_is_off_in_circles_is_no_bias_of_the_gyroscope() -> None:
     """An error that far exceeds the level field hides the turns: the heading hardly changes any more."""
     rates = np.zeros((len(unit().stamp_ns), 3))

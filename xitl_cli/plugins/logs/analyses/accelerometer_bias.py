@@ -37,6 +37,7 @@ _MARGIN = 10
 _NEAR = 10
 """Cells within which two onsets are not told apart."""
 _CLEARLY = 1.2
+"""Ratio of gains from which another onset explains a window better."""
 _LEAST_GAIN = 2.5
 """Least ratio of the squared residuals without a bias, and with a step of the velocity, to those with the bias."""
 _MOST_GAP_S = 1.0

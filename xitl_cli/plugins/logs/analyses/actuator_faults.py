@@ -578,7 +578,7 @@ class _Search:
         for change, sums in zip(self._changes, usual, strict=True):
             whole += change.squares - float(_explained(*change.equations(sums[:, :, -1:].copy()))[0])
         refined = self._refined(usual, self._coarse(usual, spans, self._hypotheses))
-        refined = [candidate for candidate in refined if not self._keeps_way(candidate)] or refined
+        refined = [candidate for candidate in refined if not self._keeps_way(candidate)]
         least = min(candidate.squares for candidate in refined)
         variance = least / (2.0 * float(self._sound.sum()))  # of a row
 

@@ -50,6 +50,7 @@ _STEP_WINDOW_S = 0.8
 _BLIND_NS = 500_000_000
 _SLOPE_WINDOW_S = 12.0
 _SLOPE_RATE_HZ = 5.0
+_LEAST_SLOPE_ROWS = round(4 * _SLOPE_WINDOW_S * _SLOPE_RATE_HZ)
 _MOST_CHANGES_OF_SLOPE = 50
 _SLOPE_LEFT = 0.07
 """Most share of the squared residuals that a change of the slope leaves: 0.12 in waves that roll a vessel by 20 deg."""
@@ -482,7 +483,7 @@ def gyro_steps(
         if angle is None:
             continue
         good = np.flatnonzero(np.isfinite(angle))
-        if not len(good):
+        if not len(good) or good[-1] - good[0] + 1 < _LEAST_SLOPE_ROWS:
             continue
         # Between the first and the last known angle. The gyroscope turns by less than half a turn more or less.
         within = np.arange(good[0], good[-1] + 1)
@@ -506,7 +507,7 @@ def _grid(unit: InertialUnit, roll_deg: Series, pitch_deg: Series) -> Stamps | N
     end = min(int(unit.stamp_ns[-1]), int(roll_deg.stamp_ns[-1]), int(pitch_deg.stamp_ns[-1]))
     step_ns = round(1e9 / _SLOPE_RATE_HZ)
     many = (end - begin) // step_ns
-    if not 4 * _SLOPE_WINDOW_S * _SLOPE_RATE_HZ <= many <= _MOST_ROWS:
+    if not _LEAST_SLOPE_ROWS <= many <= _MOST_ROWS:
         return None
     return begin + step_ns * np.arange(many, dtype=np.int64)
 
